@@ -1,0 +1,15 @@
+"""Hybrid mechanical motions (impacts, captures, sustained contact, releases) and their exact gradients, in JAX."""
+
+from .adjoint.methods import ForwardSensitivities as ForwardSensitivities
+from .adjoint.methods import Replay as Replay
+from .configure import configure as configure
+from .forward.status import Status as Status
+from .hybrid import AbstractHybridSystem as AbstractHybridSystem
+from .hybrid import Decision as Decision
+from .mechanics.mode import EventKind as EventKind
+from .mechanics.scene import AbstractScene as AbstractScene
+from .mechanics.scene import State as State
+from .simulate import simulate as simulate
+from .trajectory import Events as Events
+from .trajectory import SimulationError as SimulationError
+from .trajectory import Trajectory as Trajectory

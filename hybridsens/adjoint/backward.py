@@ -1,0 +1,102 @@
+"""The backward pass: from the end of a motion to its start, through every jump and every recorded step."""
+
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from ..forward.record import Motion, segment
+from ..forward.solver import one_step
+from .jump import Jump, crossing, event_row, jump
+
+
+class Cotangents(NamedTuple):
+    """Derivatives of the cost by everything that is reported of a motion."""
+
+    final: Float[Array, "state"]
+    """By the final state."""
+    time: Float[Array, "event"]
+    before: Float[Array, "event state"]
+    after: Float[Array, "event state"]
+    emitted: Any
+    grid: tuple[Array, Array] | None
+    """By the recorded grid times and the states there (samples hang on them); None where nothing does."""
+
+
+class Gradient(NamedTuple):
+    """Derivatives of the cost by everything that a motion is made from."""
+
+    parameters: Any
+    x0: Float[Array, "state"]
+    t0: Float[Array, ""]
+    t1: Float[Array, ""]
+
+
+def pull_back(parameters, static, solver: diffrax.AbstractSolver, motion: Motion, start, t1, bar: Cotangents) -> Gradient:
+    """Gradient of a cost with the cotangents `bar`.
+
+    psi' = -f_x^T psi (T7) by replaying the recorded steps, each step's exact derivative; (T8)-(T10) at the events. `parameters` and
+    `static` are the two halves of the system, `start` is (t0, x0).
+    """
+    system = eqx.combine(parameters, static)
+    events = motion.events
+    t1_grid, final_grid = _grid_bar(bar, motion.steps.count)
+    psi = bar.final + final_grid
+    t1_bar = psi @ system.flow(t1, motion.x, motion.mode) + t1_grid
+    total = jax.tree.map(jnp.zeros_like, parameters)
+
+    def one_segment(carry):
+        j, psi, total, _ = carry
+        mode, first, last = segment(motion, j)
+        psi, total = _through_steps(parameters, static, solver, motion, mode, first, last, bar, psi, total)
+        grid_bar = jax.tree.map(lambda g: jnp.where(last > first, g, 0), _grid_bar(bar, first))
+        through = lambda: _through_event(parameters, static, events, j - 1, bar, grid_bar, psi, total)
+        psi, total = lax.cond(j > 0, through, lambda: (psi, total))
+        return j - 1, psi, total, grid_bar
+
+    zero = jax.tree.map(jnp.zeros_like, (t1_grid, final_grid))
+    carry = (events.count, psi, total, zero)
+    _, psi, total, (t0_grid, x0_grid) = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, carry)
+    t0, x0 = start
+    mode, _, _ = segment(motion, 0)
+    return Gradient(total, psi + x0_grid, t0_grid - psi @ system.flow(t0, x0, mode), t1_bar)
+
+
+def _through_steps(parameters, static, solver, motion: Motion, mode, first, last, bar: Cotangents, psi, total):
+    """Adjoint of the steps first <= k < last of one segment, on their recorded grid."""
+    t, x = motion.steps.t, motion.steps.x
+
+    def body(carry):
+        k, psi, total = carry
+        step = lambda p, x0: one_step(solver, eqx.combine(p, static), mode, t[k], t[k + 1], x0)
+        _, vjp = jax.vjp(step, parameters, x[k])
+        total_step, psi = vjp(psi)
+        if bar.grid is not None:
+            psi = psi + jnp.where(k > first, bar.grid[1][k], 0)
+        return k - 1, psi, jax.tree.map(jnp.add, total, total_step)
+
+    _, psi, total = lax.while_loop(lambda carry: carry[0] >= first, body, (last - 1, psi, total))
+    return psi, total
+
+
+def _through_event(parameters, static, events, j, bar: Cotangents, grid_bar, psi, total):
+    """Adjoint jump at event j: psi- = S^T psi+, with what is reported of the event (T8)-(T10)."""
+    event = event_row(events, j)
+    rates = crossing(eqx.combine(parameters, static), event)
+    _, vjp = jax.vjp(lambda p, before: jump(eqx.combine(p, static), event, rates, before), parameters, event.before)
+    time_grid, after_grid = grid_bar
+    emitted = jax.tree.map(lambda rows: rows[j], bar.emitted)
+    cotangent = Jump(psi, bar.time[j] + time_grid, bar.before[j], bar.after[j] + after_grid, emitted)
+    total_event, psi = vjp(cotangent)
+    return psi, jax.tree.map(jnp.add, total, total_event)
+
+
+def _grid_bar(bar: Cotangents, k):
+    """Cotangents of grid point k: of its time, of its state."""
+    if bar.grid is None:
+        return jnp.zeros_like(bar.final[0]), jnp.zeros_like(bar.final)
+    return bar.grid[0][k], bar.grid[1][k]

@@ -1,0 +1,55 @@
+"""Where a guard falls through zero inside a step, by the cubic through its end values and rates."""
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+
+def first_falling_root(
+    g0: Float[Array, "guard"], d0: Float[Array, "guard"], g1: Float[Array, "guard"], d1: Float[Array, "guard"]
+) -> Float[Array, "guard"]:
+    """First s in (0, 1] at which c(s) falls through zero, inf where it does not.
+
+    c is the cubic with c(0) = g0 >= 0, c'(0) = d0, c(1) = g1, c'(1) = d1 (rates times the step). It is looked at
+    inside as well as at its end: a guard that dips below zero and comes back within the step is found too. Most steps
+    are let through by a glance: a cubic lies in the hull of its four Bezier points.
+    """
+    below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | (g1 < 0)
+    never = jnp.full_like(g0, jnp.inf)
+    return lax.cond(jnp.any(below), lambda: jnp.where(below, _falling_root(g0, d0, g1, d1), never), lambda: never)
+
+
+def _falling_root(g0, d0, g1, d1):
+    a = 3 * (g1 - g0) - 2 * d0 - d1
+    b = d0 + d1 - 2 * (g1 - g0)
+    value = lambda s: g0 + s * (d0 + s * (a + s * b))
+    slope = lambda s: d0 + s * (2 * a + s * 3 * b)
+    minimum, maximum = _stationary_points(a, b, d0)
+    noise = 8 * jnp.finfo(g0.dtype).eps * (jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1))
+    dips = (minimum > 0) & (minimum < 1) & (value(jnp.clip(minimum, 0, 1)) < -noise)
+    high = jnp.where(dips, minimum, 1.0)
+    low = jnp.where((maximum > 0) & (maximum < high), maximum, 0.0)
+    root = _monotone_root(value, slope, low, high)
+    return jnp.where(dips | (g1 < 0), root, jnp.inf)
+
+
+def _stationary_points(a, b, d0):
+    """The local minimum and maximum of the cubic, each in the form that does not cancel; nan where there is none."""
+    root = jnp.sqrt(a * a - 3 * b * d0)
+    minimum = jnp.where(a > 0, -d0 / (a + root), (root - a) / (3 * b))
+    maximum = jnp.where(a > 0, -(a + root) / (3 * b), d0 / (root - a))
+    return minimum, maximum
+
+
+def _monotone_root(value, slope, low, high, iterations: int = 6):
+    """Root of a function that falls from `low` to `high`: Newton's method kept inside its bracket."""
+
+    def body(_, carry):
+        s, low, high = carry
+        c = value(s)
+        low, high = jnp.where(c >= 0, s, low), jnp.where(c < 0, s, high)
+        newton = s - c / slope(s)
+        inside = (newton >= low) & (newton <= high)
+        return jnp.where(inside, newton, 0.5 * (low + high)), low, high
+
+    return lax.fori_loop(0, iterations, body, (0.5 * (low + high), low, high))[0]

@@ -1,0 +1,72 @@
+"""The segment loop: solve a segment, and if it ended in an event decide, jump, write it down, go on."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from ..hybrid import AbstractHybridSystem, Decision
+from .landing import time_resolution
+from .record import Motion
+from .segment import SegmentEnd, Stepper, solve_segment
+from .status import Status
+
+
+class Transition(NamedTuple):
+    """An event carried out."""
+
+    decision: Decision
+    after: Float[Array, "state"]
+    emitted: Any
+
+
+def run_segments(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
+    """Carry a motion on to t1, through every event, in one compiled loop."""
+
+    def body(motion):
+        motion, end = solve_segment(system, stepper, t1, motion)
+        return pass_event(system, motion, end)
+
+    return lax.while_loop(lambda motion: motion.status == Status.running, body, motion)
+
+
+def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) -> Motion:
+    """Decide what the event is, reset the state, and write the event down; without an event the motion has ended."""
+    t, before, events = motion.t, motion.x, motion.events
+    full = events.count >= events.time.shape[0] - 1
+    again = (end.guard == motion.last_guard) & (t - motion.last_event <= time_resolution(t, 1))
+    passes = end.event & ~full & ~again
+
+    def transition():
+        decision = system.decide(end.guard, t, before, motion.mode)
+        after, emitted = system.reset(decision, t, before)
+        return Transition(decision, after, emitted)
+
+    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
+    done = lax.cond(passes, transition, lambda: nothing)
+    after = jnp.where(passes, done.after, before)
+    # The row is written in either case and counts only if the event passed: a buffer that goes through a
+    # conditional would be copied whole.
+    events = events.append(
+        passes, time=jnp.where(passes, t, jnp.inf), guard=jnp.where(passes, end.guard, -1), before=before,
+        after=after, rate=end.rate, emitted=done.emitted, decision=done.decision, mode=motion.mode,
+        steps=motion.steps.count,
+    )  # fmt: skip
+    ended = Status.where(motion.status == Status.running, Status.successful, motion.status)
+    status = Status.where(end.event, motion.status, ended)
+    status = Status.where(end.event & again, Status.contact_stays_closed, status)
+    status = Status.where(end.event & full, Status.max_events_reached, status)
+    return Motion(
+        t=t,
+        x=after,
+        mode=jax.tree.map(lambda new, old: jnp.where(passes, new, old), done.decision.mode, motion.mode),
+        steps=motion.steps.jump(after),
+        events=events,
+        last_guard=jnp.where(passes, end.guard, motion.last_guard),
+        last_event=jnp.where(passes, t, motion.last_event),
+        rejected=motion.rejected,
+        first_step=motion.first_step,
+        status=status,
+    )

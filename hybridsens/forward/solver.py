@@ -1,0 +1,75 @@
+"""The solver that a motion is stepped with, made from the Diffrax solver that the caller chose."""
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+
+from .explicit import UnrolledRungeKutta
+
+TERM = diffrax.ODETerm(lambda t, x, args: args[0].flow(t, x, args[1]))
+"""The vector field; `args` is (system, mode)."""
+
+
+class ProjectedSolver(diffrax.AbstractSolver):
+    """A Diffrax solver whose state is projected back on its mode's constraints after each step."""
+
+    solver: diffrax.AbstractSolver
+
+    @property
+    def term_structure(self):
+        return self.solver.term_structure
+
+    @property
+    def interpolation_cls(self):
+        return self.solver.interpolation_cls
+
+    def order(self, terms):
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        return self.solver.error_order(terms)
+
+    def func(self, terms, t0, y0, args):
+        return self.solver.func(terms, t0, y0, args)
+
+    def init(self, terms, t0, t1, y0, args):
+        return self.solver.init(terms, t0, t1, y0, args)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        del made_jump  # the projection moved the state, so what the solver remembers of its last stage is stale
+        y1, error, dense_info, state, result = self.solver.step(terms, t0, t1, y0, args, solver_state, True)
+        system, mode = args
+        return system.project(t1, y1, mode), error, dense_info, state, result
+
+
+def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str) -> diffrax.AbstractSolver:
+    """The caller's solver, ready for one step at a time.
+
+    Explicit tableaus are unrolled. An implicit solver's root finder gets the tolerances of the step size control
+    (as `diffeqsolve` would give it). `loop` is how a solver runs its own stage loop: "lax" going forward, "bounded" where the
+    step is differentiated.
+    """
+    if isinstance(solver, diffrax.AbstractERK):
+        return UnrolledRungeKutta(solver)
+    if isinstance(solver, diffrax.AbstractImplicitSolver):
+        solver = _with_tolerances(solver, rtol, atol)
+    if isinstance(solver, diffrax.AbstractRungeKutta):
+        solver = eqx.tree_at(lambda s: s.scan_kind, solver, loop, is_leaf=lambda leaf: leaf is None)
+    return ProjectedSolver(solver)
+
+
+def _with_tolerances(solver, rtol, atol):
+    inherit = diffrax.VeryChord().rtol  # Diffrax's sentinel for "as the step size controller"
+    tolerances = dict(rtol=rtol, atol=atol, norm=optx.rms_norm)
+    names = [name for name in tolerances if getattr(solver.root_finder, name) is inherit]
+    return eqx.tree_at(
+        lambda s: [getattr(s.root_finder, name) for name in names], solver, [tolerances[name] for name in names]
+    )
+
+
+def one_step(solver: diffrax.AbstractSolver, system, mode, t0, t1, x0):
+    """The state after one step of the solver from (t0, x0) to t1: what a recorded step is replayed with."""
+    args = (system, mode)
+    state = solver.init(TERM, t0, t1, x0, args)
+    return solver.step(TERM, t0, t1, x0, args, state, jnp.array(False))[0]

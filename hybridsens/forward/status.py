@@ -1,0 +1,35 @@
+"""How a motion ended. Every message says what to do."""
+
+import equinox as eqx
+
+
+class Status(eqx.Enumeration):
+    """Outcome of a run; `Status[status]` is its message."""
+
+    successful = ""
+    running = "the motion has not reached its end (this is a state inside the loop, not an outcome)."
+    max_events_reached = (
+        "the motion had more events than `max_events`. Raise `max_events`; or, if impacts accumulate, raise "
+        "`capture_speed` so that the cascade ends in sustained contact."
+    )
+    max_steps_reached = (
+        "the motion needed more steps than `max_steps`. Raise `max_steps`, loosen `rtol` and `atol`, or use an implicit "
+        "solver if the forces are stiff."
+    )
+    step_size_underflow = (
+        "the step size fell below the resolution of time. The forces may be stiff or singular near the last time "
+        "reached; `rtol` and `atol` may be too tight for the floating point type."
+    )
+    non_finite = (
+        "a state or a force is not finite. Look at the force, mass matrix, gap and running cost at the last time reached."
+    )
+    contact_stays_closed = (
+        "a contact fired again at the instant at which it had just fired, so it would stay closed. If the scene sets "
+        "`sustained_contact = False`, set it to True; otherwise the laws of contact have no solution there."
+    )
+    penetration = "the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component."
+    bad_horizon = "the end of the horizon must be later than its start, t1 > t0."
+    unsorted_times = "`ts` must be sorted in increasing order and lie within [t0, t1]."
+    bad_restitution = "every coefficient of restitution must lie in [0, 1]."
+    bad_mass_matrix = "the mass matrix must be symmetric positive definite at the initial state, and is not."
+    bad_tolerance = "`rtol` and `atol` must be positive and finite."

@@ -1,0 +1,70 @@
+"""The one interface between physics and method: a hybrid system.
+
+A hybrid system flows, x' = f(t, x) in a mode, until one of its guards falls through zero; then the state jumps,
+x+ = R(t, x-), and the mode changes. Everything in `forward/` and `adjoint/` is written against this page alone.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PyTree
+
+Mode = PyTree[Array]
+"""The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
+
+
+class Decision(eqx.Module):
+    """What is decided at an event, before anything moves: all that is discrete about a transition."""
+
+    mode: Mode
+    """The mode after the event."""
+    kind: Int[Array, ""]
+    """What the event is, as a number that the system gives a meaning."""
+    detail: Any = None
+    """What else `reset` has to know (which impulses act, say)."""
+
+
+class AbstractHybridSystem(eqx.Module):
+    """x' = flow(t, x, mode) until a guard falls through 0; then x+ = reset(decision, t, x-).
+
+    The array leaves of the module are the parameters. The state x is one flat vector, so that a step is plain
+    arithmetic; event number i is guard number i falling through zero.
+    """
+
+    @abc.abstractmethod
+    def flow(self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Float[Array, "state"]:
+        """Time derivative of the state in a mode."""
+
+    @abc.abstractmethod
+    def guards(self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Float[Array, "guard"]:
+        """Event functions h(t, x) of a mode, of shape (guard,): positive inside, an event where one falls to 0."""
+
+    @abc.abstractmethod
+    def decide(self, event: Int[Array, ""], t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Decision:
+        """The discrete part of a transition: next mode and which law acts. Never differentiated."""
+
+    @abc.abstractmethod
+    def reset(
+        self, decision: Decision, t: Float[Array, ""], x: Float[Array, "state"]
+    ) -> tuple[Float[Array, "state"], PyTree[Array]]:
+        """The smooth part: the state just after, R(t, x-), and what the event emits (an impulse, say)."""
+
+    def project(self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Float[Array, "state"]:
+        """Put a state that drifted by rounding and truncation back on its mode's constraints; by default nothing."""
+        del t, mode
+        return x
+
+    def guards_and_rates(
+        self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode
+    ) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:
+        """Guards and their rates h' = h_t + h_x f along the flow."""
+        flow = self.flow(t, x, mode)
+        return jax.jvp(lambda t, x: self.guards(t, x, mode), (t, x), (jnp.ones_like(t), flow))
+
+    def grazing_rate(self, mode: Mode) -> Float[Array, "guard"] | float:
+        """Rates |h'| at or below this are called grazing (h' = 0: no derivative exists)."""
+        del mode
+        return 0.0

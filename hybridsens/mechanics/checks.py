@@ -1,0 +1,67 @@
+"""What a scene must be: shapes before anything runs, values at the start of the motion."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .contact import contact_geometry
+from .dense import pivots
+from .resets import gap_tolerance
+from .scene import AbstractScene, State
+
+
+def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
+    """Raise ValueError or TypeError where the scene's functions do not fit the state or each other."""
+    if not isinstance(scene, AbstractScene):
+        raise TypeError(f"`scene` must be a hybridsens.AbstractScene, but is {type(scene).__name__}.")
+    if not isinstance(state, State):
+        raise TypeError(f"`state` must be a hybridsens.State, but is {type(state).__name__}: use State(q, v).")
+    q, v = state.q, state.v
+    if q.ndim != 1 or q.shape != v.shape or q.shape[0] == 0:
+        raise ValueError(
+            f"The state must have q and v of one shape (dof,) with dof >= 1, but has q {q.shape} and v {v.shape}. "
+            "For a batch of motions use jax.vmap."
+        )
+    dof = q.shape[0]
+    t = jax.ShapeDtypeStruct((), q.dtype)
+    contacts = _shape(scene.gap, t, q)
+    if len(contacts) != 1:
+        raise ValueError(f"`gap` must return an array of shape (contact,), but returns shape {contacts}.")
+    _must_be("mass_matrix", _shape(scene.mass_matrix, q), (dof, dof))
+    _must_be("force", _shape(scene.force, t, q, v), (dof,))
+    _must_be("restitution", _shape(scene.restitution), contacts)
+    if running_cost is not None:
+        costs = eqx.filter_eval_shape(running_cost, scene, t, q, v)
+        for leaf in jax.tree.leaves(costs):
+            if not jnp.issubdtype(leaf.dtype, jnp.floating):
+                raise TypeError(f"`running_cost` must return real numbers, but returns {leaf.dtype}.")
+
+
+def initial_values(scene: AbstractScene, t, q, v) -> dict[str, jax.Array]:
+    """Which requirements on the values hold at the start: name -> boolean."""
+    mass_matrix = scene.mass_matrix(q)
+    gap = scene.gap(t, q)
+    e = scene.restitution()
+    symmetric = jnp.max(jnp.abs(mass_matrix - mass_matrix.T)) <= 1e3 * jnp.finfo(q.dtype).eps * jnp.max(
+        jnp.abs(mass_matrix)
+    )
+    finite = [jnp.all(jnp.isfinite(part)) for part in (q, v, t, mass_matrix, gap, scene.force(t, q, v))]
+    return {
+        "finite": jnp.all(jnp.stack(finite)),
+        "mass_matrix": symmetric & jnp.all(pivots(mass_matrix) > 0),
+        "restitution": jnp.all((e >= 0) & (e <= 1)),
+        "gap": jnp.all(gap >= -gap_tolerance(contact_geometry(scene, t, q), q)),
+    }
+
+
+def _shape(function, *arguments) -> tuple[int, ...]:
+    out = eqx.filter_eval_shape(function, *arguments)
+    if not hasattr(out, "shape"):
+        name = getattr(function, "__name__", "a scene's function")
+        raise TypeError(f"`{name}` must return an array, but returns {type(out).__name__}.")
+    return tuple(out.shape)
+
+
+def _must_be(name: str, shape, expected) -> None:
+    if tuple(shape) != tuple(expected):
+        raise ValueError(f"`{name}` must return an array of shape {tuple(expected)}, but returns shape {tuple(shape)}.")

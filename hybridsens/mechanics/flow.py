@@ -1,0 +1,56 @@
+"""Motion inside a mode: accelerations with the multipliers of the closed contacts eliminated (T1)."""
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from .contact import contact_geometry, gap_and_rate, gap_rate_and_bias
+from .dense import solve_masked, solve_spd
+from .scene import AbstractScene
+
+
+def free_acceleration(scene: AbstractScene, t, q, v) -> Float[Array, "dof"]:
+    """M^-1 F: the acceleration with every contact open."""
+    return solve_spd(scene.mass_matrix(q), scene.force(t, q, v))
+
+
+def held_acceleration(
+    scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]
+) -> tuple[Float[Array, "dof"], Float[Array, "contact"]]:
+    """Acceleration and multipliers with the active contacts held closed.
+
+    W_AA lambda_A = -(G_A^T M^-1 F + gamma_A),   v' = M^-1 (F + G_A lambda_A)   (T1); lambda = 0 outside A.
+    """
+    free = free_acceleration(scene, t, q, v)
+    geometry = contact_geometry(scene, t, q)
+    _, bias = gap_rate_and_bias(scene, t, q, v)
+    gap_acceleration = geometry.jacobian @ free + bias
+    multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
+    return free + geometry.mobility @ multiplier, multiplier
+
+
+def acceleration(scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]) -> Float[Array, "dof"]:
+    """v' in a mode. While every contact is open, only M^-1 F is evaluated."""
+    if not scene.sustained_contact or active.shape[0] == 0:
+        return free_acceleration(scene, t, q, v)
+    return lax.cond(
+        jnp.any(active),
+        lambda: held_acceleration(scene, t, q, v, active)[0],
+        lambda: free_acceleration(scene, t, q, v),
+    )
+
+
+def project_to_contacts(
+    scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]
+) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
+    """The nearest state (in the kinetic metric, one Newton iteration each) with Phi_A = 0 and Phi'_A = 0.
+
+    Without it the index-reduced equations (T1) let a held gap drift off by the integration error.
+    """
+    members = active.astype(q.dtype)
+    geometry = contact_geometry(scene, t, q)
+    q = q - geometry.mobility @ solve_masked(geometry.delassus_matrix, scene.gap(t, q), members)
+    geometry = contact_geometry(scene, t, q)
+    _, rate = gap_and_rate(scene, t, q, v)
+    v = v - geometry.mobility @ solve_masked(geometry.delassus_matrix, rate, members)
+    return q, v

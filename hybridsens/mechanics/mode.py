@@ -1,0 +1,52 @@
+"""The discrete state of a mechanical system: which contacts are held, and what the laws remember."""
+
+import enum
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+
+class EventKind(enum.IntEnum):
+    """What happened at an event; the numbers in `trajectory.events.kind`."""
+
+    IMPACT = 0
+    """A gap closed and the contact opened again at once."""
+    CAPTURE = 1
+    """A gap closed and the contact stays closed."""
+    RELEASE = 2
+    """The multiplier of a closed contact fell through zero and the contact opens."""
+
+
+class ContactMode(eqx.Module):
+    """Mode of a scene. Nothing here is ever differentiated."""
+
+    active: Bool[Array, "contact"]
+    """Contacts held closed by a positive multiplier."""
+    margin: Float[Array, "contact"]
+    """Penetration granted to a contact that is closed without a multiplier of its own (a redundant foot, balls that
+    touch at rest), so that rounding does not fire its guard; 0 for every other contact [m]."""
+    fastest: Float[Array, "contact"]
+    """Largest closing speed at which the contact was hit so far: the scale of the capture speed [m/s]."""
+
+    @property
+    def held(self) -> Bool[Array, "contact"]:
+        """Contacts that are closed, with or without a multiplier."""
+        return self.active | (self.margin > 0)
+
+
+def open_mode(contacts: int, dtype) -> ContactMode:
+    """Every contact open and none hit yet."""
+    return ContactMode(jnp.zeros(contacts, bool), jnp.zeros(contacts, dtype), jnp.zeros(contacts, dtype))
+
+
+def closeness(dtype) -> float:
+    """Relative tolerance below which a gap counts as closed and a rate as zero: eps^(2/3), 4e-11 in float64."""
+    return float(jnp.finfo(dtype).eps) ** (2 / 3)
+
+
+def default_capture_speed(dtype) -> float:
+    """Rebound speed, relative to the contact's fastest impact, below which a Zeno cascade is cut: eps^(1/3).
+
+    Cutting at speed w makes an error O(w^3) in value and gradient, so this cut is lost in the rounding."""
+    return float(jnp.finfo(dtype).eps) ** (1 / 3)

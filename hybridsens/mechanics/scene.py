@@ -1,0 +1,58 @@
+"""What a user writes: the state of a mechanical system and the scene that moves it."""
+
+import abc
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class State(eqx.Module):
+    """Configuration and velocity of a scene: q (dof,) and v = q' (dof,)."""
+
+    q: Float[Array, "*batch dof"]
+    """Generalised coordinates [m or rad]."""
+    v: Float[Array, "*batch dof"]
+    """Generalised velocities, q' [m/s or rad/s]."""
+
+    def __init__(self, q, v):
+        self.q = _as_float(q)
+        self.v = _as_float(v)
+
+
+class AbstractScene(eqx.Module):
+    """A mechanical system with ideal unilateral constraints.
+
+        M(q) v' = F(t, q, v) + G lambda,   0 <= lambda _|_ Phi(t, q) >= 0,   G = (dPhi/dq)^T      (1.1)-(1.2)
+
+    Subclass it, give it fields and these four methods. Every array field is a parameter: gradients of a cost of
+    the motion come back in a scene of the same class.
+    """
+
+    sustained_contact: ClassVar[bool] = True
+    """Set to False in a scene whose contacts never stay closed: then no multiplier is solved for and no release
+    is watched. A contact that would stay closed all the same ends the run with a status."""
+
+    @abc.abstractmethod
+    def mass_matrix(self, q: Float[Array, "dof"]) -> Float[Array, "dof dof"]:
+        """Symmetric positive definite mass matrix M(q) [kg, kg m^2]."""
+
+    @abc.abstractmethod
+    def force(
+        self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"]
+    ) -> Float[Array, "dof"]:
+        """All smooth generalised forces F(t, q, v), those quadratic in the velocity included [N, N m]."""
+
+    @abc.abstractmethod
+    def gap(self, t: Float[Array, ""], q: Float[Array, "dof"]) -> Float[Array, "contact"]:
+        """Gaps Phi(t, q) >= 0 [m]; shape (0,) where there are no contacts."""
+
+    @abc.abstractmethod
+    def restitution(self) -> Float[Array, "contact"]:
+        """Newton's coefficient of restitution of each contact, in [0, 1]."""
+
+
+def _as_float(value):
+    array = jnp.asarray(value)
+    return array if jnp.issubdtype(array.dtype, jnp.inexact) else array.astype(jnp.result_type(float))

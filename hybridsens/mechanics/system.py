@@ -1,0 +1,92 @@
+"""A scene as a hybrid system: the only face of the mechanics that the solvers see."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..hybrid import AbstractHybridSystem, Decision
+from .contact import contact_geometry, gap_and_rate
+from .flow import acceleration, held_acceleration, project_to_contacts
+from .laws import impact_impulse
+from .mode import ContactMode
+from .resets import ImpactDetail, decide_transition
+from .scene import AbstractScene
+
+
+class MechanicalSystem(AbstractHybridSystem):
+    """State x = (q, v, z) with z' = running cost; guard i is the gap of contact i, or its multiplier while it is held."""
+
+    scene: AbstractScene
+    running_cost: Callable[..., Any] | None
+    """running_cost(scene, t, q, v): a scalar or a PyTree; None where there is none."""
+    capture_speed: float = eqx.field(static=True)
+    """Rebound speed, relative to the contact's fastest impact so far, below which it is captured."""
+    dof: int = eqx.field(static=True)
+
+    def split(self, x):
+        """q, v, z of a flat state (leading axes are kept)."""
+        return x[..., : self.dof], x[..., self.dof : 2 * self.dof], x[..., 2 * self.dof :]
+
+    def flow(self, t, x, mode: ContactMode):
+        """(q, v, z)' = (v, M^-1 (F + G_A lambda_A), l(t, q, v)); (1.1) with (T1)."""
+        q, v, _ = self.split(x)
+        parts = [v, acceleration(self.scene, t, q, v, mode.active)]
+        if self.running_cost is not None:
+            parts += [jnp.ravel(leaf) for leaf in jax.tree.leaves(self.running_cost(self.scene, t, q, v))]
+        return jnp.concatenate([part.astype(x.dtype) for part in parts])
+
+    def guards(self, t, x, mode: ContactMode):
+        """Phi_i where the contact is open, lambda_i where it is held."""
+        q, v, _ = self.split(x)
+        gap = self.scene.gap(t, q) + mode.margin
+        if not self.scene.sustained_contact:
+            return gap
+        return lax.cond(
+            jnp.any(mode.active),
+            lambda: jnp.where(mode.active, held_acceleration(self.scene, t, q, v, mode.active)[1], gap),
+            lambda: gap,
+        )
+
+    def guards_and_rates(self, t, x, mode: ContactMode):
+        """As the general rule, but an open contact's rate Phi' costs no flow and no multiplier."""
+        q, v, _ = self.split(x)
+        gap, rate = gap_and_rate(self.scene, t, q, v)
+        gap = gap + mode.margin
+        if not self.scene.sustained_contact:
+            return gap, rate
+
+        def with_multipliers():
+            guards, rates = AbstractHybridSystem.guards_and_rates(self, t, x, mode)
+            return jnp.where(mode.active, guards, gap), jnp.where(mode.active, rates, rate)
+
+        return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
+
+    def decide(self, event, t, x, mode: ContactMode) -> Decision:
+        """Impact, capture or release, and who is held after it; see `decide_transition`."""
+        q, v, _ = self.split(x)
+        return decide_transition(self.scene, self.capture_speed, event, t, q, v, mode)
+
+    def reset(self, decision: Decision, t, x):
+        """v+ = v- + M^-1 G P, q and z unchanged (1.7), (T3); emits the impulses P (contact,) [N s]."""
+        q, v, _ = self.split(x)
+        detail: ImpactDetail = decision.detail
+        geometry = contact_geometry(self.scene, t, q)
+        _, rate = gap_and_rate(self.scene, t, q, v)
+        restitution = jnp.where(detail.plastic, 0, self.scene.restitution())
+        impulse = impact_impulse(geometry, rate, restitution, detail.support)
+        return x.at[self.dof : 2 * self.dof].add(geometry.mobility @ impulse), impulse
+
+    def project(self, t, x, mode: ContactMode):
+        """Held contacts back to Phi = 0 and Phi' = 0."""
+        if not self.scene.sustained_contact or mode.active.shape[0] == 0:
+            return x
+
+        def projected():
+            q, v, z = self.split(x)
+            return jnp.concatenate([*project_to_contacts(self.scene, t, q, v, mode.active), z])
+
+        return lax.cond(jnp.any(mode.active), projected, lambda: x)

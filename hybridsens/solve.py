@@ -1,0 +1,220 @@
+"""A hybrid system's motion with its exact gradient: the segment loop, and the backward pass as its custom VJP."""
+
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .adjoint.backward import Cotangents, pull_back
+from .adjoint.forward_sensitivity import push_forward
+from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities
+from .batching import map_lanes_on_cpu
+from .forward.record import Motion, empty_motion
+from .forward.sampling import sample_states
+from .forward.segment import Stepper
+from .forward.segment_loop import run_segments
+from .forward.solver import TERM, prepare_solver
+from .forward.status import Status
+from .hybrid import AbstractHybridSystem, Mode
+
+
+class Method(eqx.Module):
+    """Settings of a run: what trades accuracy for time, and how much room there is."""
+
+    solver: diffrax.AbstractSolver
+    rtol: Any
+    atol: Any
+    max_events: int = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+
+    def stepper(self) -> Stepper:
+        """Solver and error control of the forward pass."""
+        solver = prepare_solver(self.solver, self.rtol, self.atol, "lax")
+        return Stepper(solver, diffrax.PIDController(rtol=self.rtol, atol=self.atol))
+
+    def replay_solver(self) -> diffrax.AbstractSolver:
+        """The same solver where its steps are differentiated."""
+        return prepare_solver(self.solver, self.rtol, self.atol, "bounded")
+
+
+class Inputs(NamedTuple):
+    """Everything that a motion is differentiated by."""
+
+    system: AbstractHybridSystem
+    x0: Float[Array, "state"]
+    t0: Float[Array, ""]
+    t1: Float[Array, ""]
+    ts: Float[Array, "sample"] | None
+
+
+class Setting(NamedTuple):
+    """Everything else that a motion depends on."""
+
+    mode: Mode
+    """Initial mode."""
+    status: Status
+    """`Status.running`, or why the motion must not start."""
+    method: Method
+
+
+class Reported(NamedTuple):
+    """Everything that is reported of a motion. Rows of events beyond `count` are padding."""
+
+    final: Float[Array, "state"]
+    samples: Float[Array, "sample state"] | None
+    time: Float[Array, "event"]
+    before: Float[Array, "event state"]
+    after: Float[Array, "event state"]
+    emitted: Any
+    guard: Int[Array, "event"]
+    kind: Int[Array, "event"]
+    count: Int[Array, ""]
+    mode: Mode
+    status: Status
+    accepted: Int[Array, ""]
+    rejected: Int[Array, ""]
+
+
+def solve(inputs: Inputs, setting: Setting, adjoint: AbstractGradientMethod | None = None) -> Reported:
+    """Motion of a hybrid system from (t0, x0) to t1, differentiable in all of `inputs`.
+
+    With `Replay()` in reverse mode (and forward over reverse), with `ForwardSensitivities()` in forward mode.
+    """
+    if isinstance(adjoint, ForwardSensitivities):
+        return _forward(inputs, setting)[0]
+    return _solve_in_reverse(inputs, setting)
+
+
+@eqx.filter_custom_vjp
+def _solve_in_reverse(inputs: Inputs, setting: Setting) -> Reported:
+    return _forward(inputs, setting)[0]
+
+
+@_solve_in_reverse.def_fwd
+def _solve_fwd(perturbed, inputs, setting):
+    del perturbed
+    return _forward(inputs, setting)
+
+
+@_solve_in_reverse.def_bwd
+def _solve_bwd(motion, reported_bar, perturbed, inputs, setting):
+    del perturbed
+    return _backward(inputs, setting, motion, reported_bar)
+
+
+@eqx.filter_custom_jvp
+def _run(inputs: Inputs, setting: Setting) -> Motion:
+    """The forward pass; its derivative rule in forward mode is the push-forward of variations."""
+    system, x0, t0, t1, _ = inputs
+    stepper = setting.method.stepper()
+    args = (system, setting.mode)
+    order = stepper.solver.error_order(TERM)
+    t_first, _ = stepper.controller.init(TERM, t0, t1, x0, None, args, stepper.solver.func, order)
+    room = setting.method.max_events, setting.method.max_steps
+    motion = empty_motion(system, t0, x0, setting.mode, *room, t_first - t0, setting.status)
+    return run_segments(system, stepper, t1, motion)
+
+
+@_run.def_jvp
+def _run_jvp(primals, tangents):
+    inputs, setting = primals
+    motion = _run(inputs, setting)
+    parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
+    d_inputs = tangents[0]
+    d_parameters = _filled(parameters, eqx.filter(d_inputs.system, eqx.is_inexact_array))
+    d_ends = tuple(_filled(p, d) for p, d in zip(inputs[1:4], d_inputs[1:4], strict=True))
+    start = (inputs.t0, inputs.x0)
+    solver = setting.method.replay_solver()
+    d = push_forward(parameters, static, solver, motion, start, inputs.t1, (d_parameters, *d_ends))
+    nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
+    moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.time, m.events.before, m.events.after, m.events.emitted)
+    d_moved = (d.final, d.grid_t, d.grid_x, d.time, d.before, d.after, d.emitted)
+    return motion, eqx.tree_at(moved, nothing, d_moved)
+
+
+def _filled(primal, tangent):
+    """Tangents with zeros where nothing moves."""
+    fill = lambda p, t: jnp.zeros_like(p) if t is None and p is not None else t
+    return jax.tree.map(fill, primal, tangent, is_leaf=lambda leaf: leaf is None)
+
+
+def _forward(inputs: Inputs, setting: Setting) -> tuple[Reported, Motion]:
+    """Report and full record. A CPU's batch keeps no records: `_backward` runs its lanes again."""
+    dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
+    return map_lanes_on_cpu(lambda dynamic: _forward_lane(*eqx.combine(dynamic, static)))(dynamic)
+
+
+def _forward_lane(inputs: Inputs, setting: Setting) -> tuple[Reported, Motion]:
+    motion = _run(inputs, setting)
+    return _report(inputs, setting, motion), motion
+
+
+def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Reported) -> Inputs:
+    """Cotangents of the inputs from those of the report (None where nothing depends on an entry)."""
+    dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
+
+    def lane(dynamic, motion, bar):
+        return _backward_lane(*eqx.combine(dynamic, static), motion, bar), None
+
+    def lane_of_batch(batched, dynamic, motion, bar):
+        inputs_batched, motion_batched, _ = batched
+        if inputs_batched and not motion_batched:
+            _, motion = _forward_lane(*eqx.combine(dynamic, static))
+        return lane(dynamic, motion, bar)
+
+    return map_lanes_on_cpu(lane, lane_of_batch)(dynamic, motion, reported_bar)[0]
+
+
+def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported) -> Inputs:
+    parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
+    replay = setting.method.replay_solver()
+    grid, ts_bar, sampled = None, None, None
+    if bar.samples is not None:
+        sampled, grid, ts_bar = _sample_vjp(parameters, static, replay, motion, inputs.ts, bar.samples)
+    events = motion.events
+    rows = lambda given, like: jax.tree.map(_padded, given, like, is_leaf=lambda leaf: leaf is None)
+    cotangents = Cotangents(
+        rows(bar.final, motion.x), rows(bar.time, events.time), rows(bar.before, events.before),
+        rows(bar.after, events.after), rows(bar.emitted, events.emitted), grid,
+    )  # fmt: skip
+    start = (inputs.t0, inputs.x0)
+    gradient = pull_back(parameters, static, replay, motion, start, inputs.t1, cotangents)
+    by_parameters = gradient.parameters
+    if sampled is not None:
+        by_parameters = jax.tree.map(jnp.add, by_parameters, sampled)
+    return Inputs(by_parameters, gradient.x0, gradient.t0, gradient.t1, ts_bar)
+
+
+def _sample_vjp(parameters, static, solver, motion: Motion, ts, samples_bar):
+    """Cotangents that samples pass on: to the parameters, to the recorded grid, to their times."""
+
+    def sample(parameters, grid_t, grid_x, ts):
+        grid = eqx.tree_at(lambda m: (m.steps.t, m.steps.x), motion, (grid_t, grid_x))
+        return sample_states(eqx.combine(parameters, static), solver, grid, ts)
+
+    _, vjp = jax.vjp(sample, parameters, motion.steps.t, motion.steps.x, ts)
+    by_parameters, grid_t, grid_x, by_ts = vjp(samples_bar)
+    return by_parameters, (grid_t, grid_x), by_ts
+
+
+def _padded(given, like):
+    """A cotangent with the shape of what the record holds: reports leave its last row out, or it is None."""
+    bar = jnp.zeros_like(like)
+    return bar if given is None else bar.at[tuple(slice(0, n) for n in given.shape)].set(given)
+
+
+def _report(inputs: Inputs, setting: Setting, motion: Motion) -> Reported:
+    events = motion.events
+    room = setting.method.max_events
+    cut = lambda rows: jax.tree.map(lambda leaf: leaf[:room], rows)
+    samples = None
+    if inputs.ts is not None:
+        samples = sample_states(inputs.system, setting.method.replay_solver(), motion, inputs.ts)
+    return Reported(
+        motion.x, samples, cut(events.time), cut(events.before), cut(events.after), cut(events.emitted),
+        cut(events.guard), cut(events.decision.kind), events.count, motion.mode, motion.status,
+        motion.steps.count, motion.rejected,
+    )  # fmt: skip
