@@ -1,0 +1,41 @@
+"""A ball on a table that shakes hard enough to throw it: a gap that depends on time, with release and capture."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..mechanics.scene import State
+from .shipped import ShippedScene, parameter
+
+
+class VibratingTable(ShippedScene):
+    """m q'' = -weight, gap q - A sin(omega t). The ball starts on the table and moves with it until it is thrown."""
+
+    t1 = 0.6
+
+    mass: Float[Array, ""] = parameter(1.0)
+    """[kg]"""
+    weight: Float[Array, ""] = parameter(9.81)
+    """[N]"""
+    amplitude: Float[Array, ""] = parameter(0.02)
+    """A [m]"""
+    frequency: Float[Array, ""] = parameter(31.41592653589793)
+    """omega [rad/s]"""
+    restitution_coefficient: Float[Array, ""] = parameter(0.3)
+
+    def initial_state(self):
+        return State(jnp.zeros(1), (self.amplitude * self.frequency)[None])
+
+    def running_cost(self, t, q, v):
+        return (q[0] - self.amplitude * jnp.sin(self.frequency * t)) ** 2
+
+    def mass_matrix(self, q):
+        return self.mass * jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -self.weight[None]
+
+    def gap(self, t, q):
+        return q - self.amplitude * jnp.sin(self.frequency * t)
+
+    def restitution(self):
+        return self.restitution_coefficient[None]
