@@ -64,7 +64,10 @@ class AbstractHybridSystem(eqx.Module):
         flow = self.flow(t, x, mode)
         return jax.jvp(lambda t, x: self.guards(t, x, mode), (t, x), (jnp.ones_like(t), flow))
 
-    def grazing_rate(self, mode: Mode) -> Float[Array, "guard"] | float:
-        """Rates |h'| at or below this are called grazing (h' = 0: no derivative exists)."""
-        del mode
-        return 0.0
+    def resolution(
+        self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode
+    ) -> tuple[Float[Array, "guard"] | float, Float[Array, "guard"] | float]:
+        """How small a guard and its rate may be and still be rounding. A guard that a segment starts on is not fired
+        by such a rate; by default there is no such doubt."""
+        del t, x, mode
+        return 0.0, 0.0

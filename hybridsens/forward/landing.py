@@ -15,8 +15,31 @@ from .cubic import first_falling_root
 from .record import StepRecord
 
 
+class GuardsAtStart(eqx.Module):
+    """What is known of the guards where a segment starts."""
+
+    guard: Float[Array, "guard"]
+    rate: Float[Array, "guard"]
+    noise: Float[Array, "guard"]
+    """Rounding to be granted to a guard that the segment starts on without a rate; 0 for every other guard."""
+    leaving: Bool[Array, "guard"]
+    """Guards that the segment starts on."""
+    fired: Bool[Array, "guard"]
+    """Guards that are at or below zero and falling at the very start."""
+
+
+def guards_at_start(system, t, x, mode) -> GuardsAtStart:
+    """Tell guards that the segment leaves (it was just reset, or starts there) from guards that fire at once."""
+    guard, rate = system.guards_and_rates(t, x, mode)
+    guard_noise, rate_noise = (jnp.broadcast_to(noise, guard.shape) for noise in system.resolution(t, x, mode))
+    fired = (rate < -rate_noise) & (guard <= -time_resolution(t, 0) * rate)
+    leaving = (guard <= jnp.maximum(guard_noise, 0)) & ~fired & (rate >= -rate_noise)
+    lifting = leaving & (rate <= rate_noise)  # without a rate, only its acceleration carries it off
+    return GuardsAtStart(guard, rate, jnp.where(lifting, guard_noise, 0), leaving, fired)
+
+
 class LandingState(eqx.Module):
-    """Memory between steps of one segment."""
+    """Memory between the steps of one segment."""
 
     inner: PyTree
     """State of the error control."""
@@ -25,13 +48,17 @@ class LandingState(eqx.Module):
     """Guards at the start of the step, at least 0."""
     rate: Float[Array, "guard"]
     """Their rates there."""
-    leaving: Bool[Array, "guard"]
-    """Guards that the segment started on and has not left yet."""
+    noise: Float[Array, "guard"]
+    """Rounding granted to guards that the segment started on and has not left yet."""
     cuts: Int[Array, ""]
     """How often the way to the next event was shortened so far."""
     free_step: Float[Array, ""]
     """The step that the error control would take if there were no event."""
     rejected: Int[Array, ""]
+    fired: Int[Array, ""]
+    """The guard that the last step landed on."""
+    finite: Bool[Array, ""]
+    """Whether the last candidate was finite."""
 
 
 class LandingController(diffrax.AbstractStepSizeController):
@@ -45,6 +72,7 @@ class LandingController(diffrax.AbstractStepSizeController):
     end: Float[Array, ""]
     record: StepRecord
     rejected: Int[Array, ""]
+    start: GuardsAtStart
 
     def wrap(self, direction):
         return self  # time always runs forward here
@@ -52,12 +80,11 @@ class LandingController(diffrax.AbstractStepSizeController):
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
         del dt0  # Diffrax checks a dt0 by a host callback, which a compiled loop must not hold
         t1, inner = self.inner.init(terms, t0, t1, y0, self.first_step, args, func, error_order)
-        system, mode = args
-        guard, rate = system.guards_and_rates(t0, y0, mode)
-        leaving = (guard <= 0) | ((rate > 0) & (guard <= time_resolution(t0, 4) * rate))
+        start = self.start
+        rate = jnp.where(start.leaving, jnp.maximum(start.rate, 0), start.rate)
         state = LandingState(
-            inner, self.record, jnp.maximum(guard, 0), jnp.where(leaving, jnp.maximum(rate, 0), rate), leaving,
-            jnp.array(0), self.first_step, self.rejected,
+            inner, self.record, jnp.where(start.leaving, 0, jnp.maximum(start.guard, 0)), rate, start.noise,
+            jnp.array(0), self.first_step, self.rejected, jnp.array(-1), jnp.array(True),
         )  # fmt: skip
         return t1, state
 
@@ -70,9 +97,9 @@ class LandingController(diffrax.AbstractStepSizeController):
         guard, rate = system.guards_and_rates(t1, y1_candidate, mode)
         h = t1 - t0
         resolution = time_resolution(t1, state.cuts)
-        armed = ~state.leaving | (state.rate > 0)
-        on_guard = armed & (rate < 0) & (jnp.abs(guard) <= -resolution * rate)
-        root = first_falling_root(state.guard, state.rate * h, guard, rate * h)
+        sure = (state.noise == 0) | (state.cuts > 0)
+        on_guard = sure & (rate < 0) & (jnp.abs(guard) <= -resolution * rate)
+        root = first_falling_root(state.guard, state.rate * h, guard + state.noise, rate * h)
         t_root = t0 + jnp.min(jnp.where(on_guard, jnp.inf, root), initial=jnp.inf) * h
         crossed = t_root < self.end - time_resolution(t1, 3)
         cut = accurate & crossed
@@ -87,19 +114,19 @@ class LandingController(diffrax.AbstractStepSizeController):
         next_t0 = jnp.where(keep, t1, t0)
 
         error_control_step = jnp.where(accurate, jnp.where(cut, h, next_t1 - next_t0), state.free_step)
-        free_step = jnp.where(state.cuts > 0, state.free_step, error_control_step)
         new = LandingState(
             inner=jax.tree.map(lambda new, old: jnp.where(cut, old, new), inner, state.inner),
             record=state.record.append(t1, y1_candidate, keep),
             guard=jnp.where(keep, jnp.maximum(guard, 0), state.guard),
             rate=jnp.where(keep, rate, state.rate),
-            leaving=state.leaving & ~(keep & (guard > 0)),
+            noise=jnp.where(keep & (guard > state.noise), 0, state.noise),
             cuts=jnp.where(cut, state.cuts + 1, jnp.where(short | ~keep, state.cuts, 0)),
-            free_step=free_step,
+            free_step=jnp.where(state.cuts > 0, state.free_step, error_control_step),
             rejected=state.rejected + ~keep,
+            fired=first_to_fall(on_guard, guard, rate),
+            finite=jnp.all(jnp.isfinite(y1_candidate)),
         )
-        result = self._result(t0, next_t1, keep, landed, new)
-        return keep, next_t0, next_t1, False, new, result
+        return keep, next_t0, next_t1, False, new, self._result(t0, next_t1, keep, landed, new)
 
     def _result(self, t0, next_t1, keep, landed, state: LandingState):
         R = diffrax.RESULTS
@@ -109,6 +136,13 @@ class LandingController(diffrax.AbstractStepSizeController):
         result = R.where(full, R.max_steps_reached, R.successful)
         result = R.where(stuck, R.dt_min_reached, result)
         return R.where(landed, R.event_occurred, result)
+
+
+def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> Int[Array, ""]:
+    """Which of the candidate guards passed zero first, by their rates; -1 where there are no guards."""
+    if guard.shape[0] == 0:
+        return jnp.array(-1)
+    return jnp.argmax(jnp.where(candidates, guard / jnp.where(rate < 0, rate, 1), -jnp.inf))
 
 
 def time_resolution(t, relaxation) -> Float[Array, ""]:

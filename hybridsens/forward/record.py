@@ -41,8 +41,6 @@ class EventRecord(eqx.Module):
     """State just before, x-."""
     after: Float[Array, "event state"]
     """State just after, x+."""
-    rate: Float[Array, "event"]
-    """Rate h' of the guard as it fell: how far from grazing (h' = 0) the event was."""
     emitted: PyTree[Array]
     """What the reset emitted: impulses in mechanics."""
     decision: Decision
@@ -112,7 +110,6 @@ def empty_motion(
         guard=jnp.full(max_events + 1, -1),
         before=rows(x0),
         after=rows(x0),
-        rate=jnp.zeros(max_events + 1, x0.dtype),
         emitted=rows(emitted),
         decision=rows(decision),
         mode=rows(mode),

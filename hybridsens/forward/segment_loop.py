@@ -51,7 +51,7 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
     # conditional would be copied whole.
     events = events.append(
         passes, time=jnp.where(passes, t, jnp.inf), guard=jnp.where(passes, end.guard, -1), before=before,
-        after=after, rate=end.rate, emitted=done.emitted, decision=done.decision, mode=motion.mode,
+        after=after, emitted=done.emitted, decision=done.decision, mode=motion.mode,
         steps=motion.steps.count,
     )  # fmt: skip
     ended = Status.where(motion.status == Status.running, Status.successful, motion.status)

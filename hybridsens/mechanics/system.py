@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..hybrid import AbstractHybridSystem, Decision
-from .contact import contact_geometry, gap_and_rate
+from .contact import contact_geometry, contact_jacobian, gap_and_rate
 from .flow import acceleration, held_acceleration, project_to_contacts
 from .laws import impact_impulse
-from .mode import ContactMode
+from .mode import ContactMode, closeness
 from .resets import ImpactDetail, decide_transition
 from .scene import AbstractScene
 
@@ -64,6 +64,13 @@ class MechanicalSystem(AbstractHybridSystem):
             return jnp.where(mode.active, guards, gap), jnp.where(mode.active, rates, rate)
 
         return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
+
+    def resolution(self, t, x, mode: ContactMode):
+        """Rounding in the gaps and in their rates, from the sizes of q and v; none is granted to a multiplier."""
+        q, v, _ = self.split(x)
+        rounding = closeness(x.dtype) * jnp.abs(contact_jacobian(self.scene, t, q))
+        gap, rate = rounding @ jnp.abs(q), rounding @ jnp.abs(v)
+        return jnp.where(mode.active, 0, gap), jnp.where(mode.active, 0, rate)
 
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
         """Impact, capture or release, and who is held after it; see `decide_transition`."""
