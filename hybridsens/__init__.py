@@ -1,5 +1,6 @@
 """Hybrid mechanical motions (impacts, captures, sustained contact, releases) and their exact gradients, in JAX."""
 
+from . import scenes as scenes
 from .adjoint.methods import ForwardSensitivities as ForwardSensitivities
 from .adjoint.methods import Replay as Replay
 from .configure import configure as configure

@@ -10,7 +10,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
@@ -25,6 +25,8 @@ class Decision(eqx.Module):
     """What the event is, as a number that the system gives a meaning."""
     detail: Any = None
     """What else `reset` has to know (which impulses act, say)."""
+    grazing: Bool[Array, ""] | bool = False
+    """Whether the guard was met so gently that the tolerances cannot tell an event from a near miss."""
 
 
 class AbstractHybridSystem(eqx.Module):

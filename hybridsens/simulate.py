@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
@@ -33,8 +34,8 @@ def simulate(
     ts: Float[Array, "sample"] | None = None,
     running_cost: Callable[..., Any] | None = None,
     solver: diffrax.AbstractSolver | None = None,
-    rtol: float = 1e-8,
-    atol: float = 1e-8,
+    rtol: float | Array = 1e-8,
+    atol: float | Array = 1e-8,
     max_events: int = 256,
     max_steps: int = 4096,
     capture_speed: float | None = None,
@@ -74,7 +75,7 @@ def simulate(
     dtype = state.q.dtype
     method = Method(solver or diffrax.Tsit5(), *_tolerances(rtol, atol, dtype), max_events, max_steps)
     capture_speed = default_capture_speed(dtype) if capture_speed is None else float(capture_speed)
-    system = MechanicalSystem(scene, running_cost, capture_speed, state.q.shape[0])
+    system = MechanicalSystem(scene, running_cost, capture_speed, state.q.shape[0], (method.rtol, method.atol))
     trajectory = _simulate(system, state, t0, t1, ts, method, adjoint or Replay())
     return _raise_unless_successful(trajectory) if throw else trajectory
 
@@ -87,12 +88,12 @@ def _simulate(system: MechanicalSystem, state: State, t0, t1, ts, method: Method
     z = jnp.zeros(sum(leaf.size for leaf in jax.tree.leaves(cost_shape)), state.q.dtype)
     x0 = jnp.concatenate([state.q, state.v, z])
     mode = jax.lax.stop_gradient(initial_mode(system.scene, t0, state.q, state.v))
-    setting = Setting(mode, _initial_status(system.scene, state, t0, t1, ts), method)
+    setting = Setting(mode, _initial_status(system.scene, state, t0, t1, ts, method), method)
     reported = solve(Inputs(system, x0, t0, t1, ts), setting, adjoint)
     return _trajectory(system, ts, reported, cost_shape)
 
 
-def _initial_status(scene: AbstractScene, state: State, t0, t1, ts) -> Status:
+def _initial_status(scene: AbstractScene, state: State, t0, t1, ts, method: Method) -> Status:
     holds = initial_values(scene, t0, state.q, state.v)
     status = Status.running
     for name, failure in (
@@ -100,6 +101,8 @@ def _initial_status(scene: AbstractScene, state: State, t0, t1, ts) -> Status:
         ("finite", Status.non_finite),
     ):  # fmt: skip
         status = Status.where(holds[name], status, failure)
+    positive = (jnp.asarray(method.rtol) > 0) & (jnp.asarray(method.atol) > 0)
+    status = Status.where(positive, status, Status.bad_tolerance)
     status = Status.where(t1 > t0, status, Status.bad_horizon)
     if ts is not None and ts.shape[0] > 0:
         sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)
@@ -172,6 +175,8 @@ def _check_settings(max_events, max_steps, solver, adjoint, rtol, atol, capture_
     if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
         raise TypeError(f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {type(adjoint).__name__}.")
     for name, value in (("rtol", rtol), ("atol", atol)):
+        if isinstance(value, jax.Array):
+            continue  # one compiled function for every tolerance; the step size control copes with any value
         if not isinstance(value, int | float) or not 0 < value < float("inf"):
             raise ValueError(f"`{name}` must be a positive number, but is {value!r}.")
     if capture_speed is not None and (not isinstance(capture_speed, int | float) or not 0 <= capture_speed < 1):
@@ -180,6 +185,8 @@ def _check_settings(max_events, max_steps, solver, adjoint, rtol, atol, capture_
 
 def _tolerances(rtol, atol, dtype):
     """Tolerances that the floating point type can meet."""
+    if isinstance(rtol, jax.Array) or isinstance(atol, jax.Array):
+        return rtol, atol
     finest = 16 * float(jnp.finfo(dtype).eps)
     if rtol < finest or (atol < finest and dtype == jnp.float32):
         warnings.warn(
@@ -192,10 +199,22 @@ def _tolerances(rtol, atol, dtype):
 
 
 def _raise_unless_successful(trajectory: Trajectory) -> Trajectory:
-    status = trajectory.status
+    status = jax.tree.map(_without_tangent, trajectory.status)
     failed = status != Status.successful
     if isinstance(failed, jax.core.Tracer):
         return status.error_if(trajectory, failed)
     if failed:
         raise SimulationError(f"The motion did not reach its end: {Status[status]}")
     return trajectory
+
+
+@jax.custom_jvp
+def _without_tangent(number):
+    """An integer that a check may look at in the middle of differentiation (checks have no rule for its empty tangent)."""
+    return number
+
+
+@_without_tangent.defjvp
+def _without_tangent_jvp(primals, tangents):
+    del tangents
+    return primals[0], np.zeros(jnp.shape(primals[0]), jax.dtypes.float0)

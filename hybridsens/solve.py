@@ -16,7 +16,7 @@ from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
 from .forward.segment import Stepper
 from .forward.segment_loop import run_segments
-from .forward.solver import TERM, prepare_solver
+from .forward.solver import TERM, flow_operations, prepare_solver
 from .forward.status import Status
 from .hybrid import AbstractHybridSystem, Mode
 
@@ -30,14 +30,14 @@ class Method(eqx.Module):
     max_events: int = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
 
-    def stepper(self) -> Stepper:
-        """Solver and error control of the forward pass."""
-        solver = prepare_solver(self.solver, self.rtol, self.atol, "lax")
+    def stepper(self, operations: int) -> Stepper:
+        """Solver and error control of the forward pass, for a flow of so many operations."""
+        solver = prepare_solver(self.solver, self.rtol, self.atol, "lax", operations)
         return Stepper(solver, diffrax.PIDController(rtol=self.rtol, atol=self.atol))
 
-    def replay_solver(self) -> diffrax.AbstractSolver:
+    def replay_solver(self, operations: int) -> diffrax.AbstractSolver:
         """The same solver where its steps are differentiated."""
-        return prepare_solver(self.solver, self.rtol, self.atol, "bounded")
+        return prepare_solver(self.solver, self.rtol, self.atol, "bounded", operations)
 
 
 class Inputs(NamedTuple):
@@ -109,7 +109,7 @@ def _solve_bwd(motion, reported_bar, perturbed, inputs, setting):
 def _run(inputs: Inputs, setting: Setting) -> Motion:
     """The forward pass; its derivative rule in forward mode is the push-forward of variations."""
     system, x0, t0, t1, _ = inputs
-    stepper = setting.method.stepper()
+    stepper = setting.method.stepper(_operations(inputs, setting))
     args = (system, setting.mode)
     order = stepper.solver.error_order(TERM)
     t_first, _ = stepper.controller.init(TERM, t0, t1, x0, None, args, stepper.solver.func, order)
@@ -127,12 +127,16 @@ def _run_jvp(primals, tangents):
     d_parameters = _filled(parameters, eqx.filter(d_inputs.system, eqx.is_inexact_array))
     d_ends = tuple(_filled(p, d) for p, d in zip(inputs[1:4], d_inputs[1:4], strict=True))
     start = (inputs.t0, inputs.x0)
-    solver = setting.method.replay_solver()
+    solver = setting.method.replay_solver(_operations(inputs, setting))
     d = push_forward(parameters, static, solver, motion, start, inputs.t1, (d_parameters, *d_ends))
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
     moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.time, m.events.before, m.events.after, m.events.emitted)
     d_moved = (d.final, d.grid_t, d.grid_x, d.time, d.before, d.after, d.emitted)
     return motion, eqx.tree_at(moved, nothing, d_moved)
+
+
+def _operations(inputs: Inputs, setting: Setting) -> int:
+    return flow_operations(inputs.system, setting.mode, inputs.t0, inputs.x0)
 
 
 def _filled(primal, tangent):
@@ -170,7 +174,7 @@ def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Re
 
 def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported) -> Inputs:
     parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
-    replay = setting.method.replay_solver()
+    replay = setting.method.replay_solver(_operations(inputs, setting))
     grid, ts_bar, sampled = None, None, None
     if bar.samples is not None:
         sampled, grid, ts_bar = _sample_vjp(parameters, static, replay, motion, inputs.ts, bar.samples)
@@ -212,7 +216,7 @@ def _report(inputs: Inputs, setting: Setting, motion: Motion) -> Reported:
     cut = lambda rows: jax.tree.map(lambda leaf: leaf[:room], rows)
     samples = None
     if inputs.ts is not None:
-        samples = sample_states(inputs.system, setting.method.replay_solver(), motion, inputs.ts)
+        samples = sample_states(inputs.system, setting.method.replay_solver(_operations(inputs, setting)), motion, inputs.ts)
     return Reported(
         motion.x, samples, cut(events.time), cut(events.before), cut(events.after), cut(events.emitted),
         cut(events.guard), cut(events.decision.kind), events.count, motion.mode, motion.status,

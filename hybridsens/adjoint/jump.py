@@ -9,6 +9,7 @@ lines.
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..hybrid import AbstractHybridSystem, Decision, Mode
@@ -48,8 +49,9 @@ def crossing(system: AbstractHybridSystem, event: RecordedEvent) -> Crossing:
     """Flows on both sides, each in its own mode, and the rate h' = h_t + h_x f- of the guard."""
     flow_before = system.flow(event.time, event.before, event.mode)
     flow_after = system.flow(event.time, event.after, event.decision.mode)
-    _, rates = system.guards_and_rates(event.time, event.before, event.mode)
-    return Crossing(flow_before, flow_after, rates[event.guard])
+    guard = lambda t, x: system.guards(t, x, event.mode)[event.guard]
+    _, rate = jax.jvp(guard, (event.time, event.before), (jnp.ones_like(event.time), flow_before))
+    return Crossing(flow_before, flow_after, rate)
 
 
 def jump(system: AbstractHybridSystem, event: RecordedEvent, rates: Crossing, before: Float[Array, "state"]) -> Jump:

@@ -5,14 +5,19 @@ from jax import lax
 from jaxtyping import Array, Float
 
 
+UNSURE = 0.01
+"""How far a guard's cubic may be from the guard itself, relative to the end values that it is made from."""
+
+
 def first_falling_root(
     g0: Float[Array, "guard"], d0: Float[Array, "guard"], g1: Float[Array, "guard"], d1: Float[Array, "guard"]
 ) -> Float[Array, "guard"]:
     """First s in (0, 1] at which c(s) falls through zero, inf where it does not.
 
     c is the cubic with c(0) = g0 >= 0, c'(0) = d0, c(1) = g1, c'(1) = d1 (rates times the step). It is looked at
-    inside as well as at its end: a guard that dips below zero and comes back within the step is found too. Most steps
-    are let through by a glance: a cubic lies in the hull of its four Bezier points.
+    inside as well as at its end: a guard that dips below zero and comes back within the step is found too. A minimum
+    that stays above zero by less than the cubic can tell is returned as well: a step that ends there decides. Most
+    steps are let through by a glance: a cubic lies in the hull of its four Bezier points.
     """
     below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | (g1 < 0)
     never = jnp.full_like(g0, jnp.inf)
@@ -25,12 +30,15 @@ def _falling_root(g0, d0, g1, d1):
     value = lambda s: g0 + s * (d0 + s * (a + s * b))
     slope = lambda s: d0 + s * (2 * a + s * 3 * b)
     minimum, maximum = _stationary_points(a, b, d0)
-    noise = 8 * jnp.finfo(g0.dtype).eps * (jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1))
+    size = jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1)
+    noise = 8 * jnp.finfo(g0.dtype).eps * size
     dips = (minimum > 0) & (minimum < 1) & (value(jnp.clip(minimum, 0, 1)) < -noise)
     high = jnp.where(dips, minimum, 1.0)
     low = jnp.where((maximum > 0) & (maximum < high), maximum, 0.0)
     root = _monotone_root(value, slope, low, high)
-    return jnp.where(dips | (g1 < 0), root, jnp.inf)
+    root = jnp.where(dips | (g1 < 0), root, jnp.inf)
+    near_miss = (minimum > 0.01) & (minimum < 0.99) & (g1 >= 0) & ~dips & (value(minimum) < UNSURE * size)
+    return jnp.where(near_miss, minimum, root)
 
 
 def _stationary_points(a, b, d0):

@@ -1,16 +1,20 @@
-"""Any explicit Runge-Kutta method of Diffrax with its stages written out.
+"""Any explicit Runge-Kutta method of Diffrax, with its stages arranged for XLA.
 
-Diffrax runs the stages of a step in a loop of its own; written out, XLA fuses them into straight arithmetic.
+Diffrax runs the stages of a step in a loop of its own. Written out, a small flow's stages fuse into straight arithmetic; a
+large flow is better traced once and run in a plain loop, since compile time grows with every copy of it.
 """
 
 from collections.abc import Callable
 from typing import ClassVar
 
 import diffrax
+import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
+from jax import lax
 
 
-class UnrolledRungeKutta(diffrax.AbstractSolver):
+class ExplicitRungeKutta(diffrax.AbstractSolver):
     """x1 = x0 + h sum_i b_i k_i,  k_i = f(t0 + c_i h, x0 + h sum_j a_ij k_j), for an explicit tableau.
 
     `args` is (system, mode). A state that its mode constrains is projected back at the end of the step, before the
@@ -19,6 +23,8 @@ class UnrolledRungeKutta(diffrax.AbstractSolver):
 
     solver: diffrax.AbstractERK
     """The Diffrax solver whose tableau, order and error order are used."""
+    unrolled: bool = eqx.field(static=True)
+    """Whether the stages are written out or run in a loop."""
 
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
@@ -42,18 +48,36 @@ class UnrolledRungeKutta(diffrax.AbstractSolver):
         system, mode = args
         h = t1 - t0
         first = solver_state if tableau.fsal else terms.vf(t0, y0, args)
-        stages = [first]
-        last = len(tableau.a_lower) - 1
-        for i, (a, c) in enumerate(zip(tableau.a_lower, tableau.c, strict=True)):
-            y = y0 + h * _combine(a, stages)
-            if tableau.fsal and i == last:
-                y1 = y = system.project(t1, y, mode)
-            stages.append(terms.vf(t0 + float(c) * h, y, args))
-        if not tableau.fsal:
-            y1 = system.project(t1, y0 + h * _combine(tableau.b_sol, stages), mode)
-        error = h * _combine(tableau.b_error, stages)
-        dense_info = dict(y0=y0, y1=y1)
-        return y1, error, dense_info, (stages[-1] if tableau.fsal else None), diffrax.RESULTS.successful
+        rows = tableau.a_lower[:-1] if tableau.fsal else tableau.a_lower
+        run = _stages_written_out if self.unrolled else _stages_in_a_loop
+        stages = run(lambda c, y: terms.vf(t0 + c * h, y, args), y0, h, first, rows, tableau.c)
+        weights = tableau.b_sol[:-1] if tableau.fsal else tableau.b_sol
+        y1 = system.project(t1, y0 + h * _combine(weights, stages), mode)
+        last = terms.vf(t1, y1, args) if tableau.fsal else None
+        error = h * _combine(tableau.b_error, [*stages, last] if tableau.fsal else stages)
+        return y1, error, dict(y0=y0, y1=y1), last, diffrax.RESULTS.successful
+
+
+def _stages_written_out(f, y0, h, first, rows, c):
+    stages = [first]
+    for row, c_i in zip(rows, c, strict=False):
+        stages.append(f(float(c_i), y0 + h * _combine(row, stages)))
+    return stages
+
+
+def _stages_in_a_loop(f, y0, h, first, rows, c):
+    count = len(rows) + 1
+    a = np.zeros((count, count))
+    for i, row in enumerate(rows):
+        a[i + 1, : len(row)] = row
+    a, c = jnp.asarray(a, y0.dtype), jnp.asarray(np.concatenate([[0.0], c[: count - 1]]), h.dtype)
+
+    def stage(k, i):
+        return k.at[i].set(f(c[i], y0 + h * (a[i] @ k))), None
+
+    k = jnp.zeros((count, *y0.shape), y0.dtype).at[0].set(first)
+    k, _ = lax.scan(stage, k, jnp.arange(1, count))
+    return [k[i] for i in range(count)]
 
 
 def _combine(weights, stages):

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..hybrid import AbstractHybridSystem, Decision, Mode
 from .status import Status
@@ -78,6 +78,8 @@ class Motion(eqx.Module):
     """Guard of the last event, -1 before the first."""
     last_event: Float[Array, ""]
     """Time of the last event."""
+    grazing: Bool[Array, ""]
+    """Whether any event so far was grazing."""
     rejected: Int[Array, ""]
     """Steps that were tried and not kept (those that overshot an event among them)."""
     first_step: Float[Array, ""]
@@ -117,7 +119,7 @@ def empty_motion(
         count=jnp.array(0),
     )
     never = jnp.array(-jnp.inf, t0.dtype)
-    return Motion(t0, x0, mode, steps, events, jnp.array(-1), never, jnp.array(0), first_step, status)
+    return Motion(t0, x0, mode, steps, events, jnp.array(-1), never, jnp.array(False), jnp.array(0), first_step, status)
 
 
 def segment(motion: Motion, j) -> tuple[Mode, Int[Array, ""], Int[Array, ""]]:

@@ -54,7 +54,8 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
         after=after, emitted=done.emitted, decision=done.decision, mode=motion.mode,
         steps=motion.steps.count,
     )  # fmt: skip
-    ended = Status.where(motion.status == Status.running, Status.successful, motion.status)
+    reached = Status.where(motion.grazing, Status.grazing, Status.successful)
+    ended = Status.where(motion.status == Status.running, reached, motion.status)
     status = Status.where(end.event, motion.status, ended)
     status = Status.where(end.event & again, Status.contact_stays_closed, status)
     status = Status.where(end.event & full, Status.max_events_reached, status)
@@ -66,6 +67,7 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
         events=events,
         last_guard=jnp.where(passes, end.guard, motion.last_guard),
         last_event=jnp.where(passes, t, motion.last_event),
+        grazing=motion.grazing | (passes & done.decision.grazing),
         rejected=motion.rejected,
         first_step=motion.first_step,
         status=status,

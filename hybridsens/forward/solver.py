@@ -2,10 +2,12 @@
 
 import diffrax
 import equinox as eqx
+import jax
+import jax.core
 import jax.numpy as jnp
 import optimistix as optx
 
-from .explicit import UnrolledRungeKutta
+from .explicit import ExplicitRungeKutta
 
 TERM = diffrax.ODETerm(lambda t, x, args: args[0].flow(t, x, args[1]))
 """The vector field; `args` is (system, mode)."""
@@ -43,20 +45,40 @@ class ProjectedSolver(diffrax.AbstractSolver):
         return system.project(t1, y1, mode), error, dense_info, state, result
 
 
-def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str) -> diffrax.AbstractSolver:
-    """The caller's solver, ready for one step at a time.
+UNROLLED_OPERATIONS = 60
+"""Flows of up to this many operations have their stages written out; larger ones gain nothing by it."""
 
-    Explicit tableaus are unrolled. An implicit solver's root finder gets the tolerances of the step size control
-    (as `diffeqsolve` would give it). `loop` is how a solver runs its own stage loop: "lax" going forward, "bounded" where the
-    step is differentiated.
+
+def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, operations: int) -> diffrax.AbstractSolver:
+    """The caller's solver, ready for one step at a time of a flow of so many operations.
+
+    Explicit tableaus are run by stages of our own. An implicit solver's root finder gets the tolerances of the step
+    size control (as `diffeqsolve` would give it). `loop` is how a solver of Diffrax runs its own stages: "lax" going forward,
+    "bounded" where the step is differentiated.
     """
     if isinstance(solver, diffrax.AbstractERK):
-        return UnrolledRungeKutta(solver)
+        return ExplicitRungeKutta(solver, operations <= UNROLLED_OPERATIONS)
     if isinstance(solver, diffrax.AbstractImplicitSolver):
         solver = _with_tolerances(solver, rtol, atol)
     if isinstance(solver, diffrax.AbstractRungeKutta):
         solver = eqx.tree_at(lambda s: s.scan_kind, solver, loop, is_leaf=lambda leaf: leaf is None)
     return ProjectedSolver(solver)
+
+
+def flow_operations(system, mode, t, x) -> int:
+    """How many primitive operations one evaluation of the flow takes, those of inner functions counted in."""
+    dynamic, static = eqx.partition((system, mode), eqx.is_array)
+
+    def flow(dynamic, t, x):
+        system, mode = eqx.combine(dynamic, static)
+        return system.flow(t, x, mode)
+
+    return _count(jax.make_jaxpr(flow)(dynamic, t, x).jaxpr)
+
+
+def _count(jaxpr) -> int:
+    inner = [jaxpr for equation in jaxpr.eqns for jaxpr in jax.core.jaxprs_in_params(equation.params)]
+    return len(jaxpr.eqns) + sum(_count(jaxpr) for jaxpr in inner)
 
 
 def _with_tolerances(solver, rtol, atol):

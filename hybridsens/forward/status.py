@@ -23,6 +23,11 @@ class Status(eqx.Enumeration):
     non_finite = (
         "a state or a force is not finite. Look at the force, mass matrix, gap and running cost at the last time reached."
     )
+    grazing = (
+        "the motion reached its end, but touched a contact so gently that the tolerances cannot tell the touch from a near "
+        "miss. Values are right to the order of its speed; derivatives are not (at grazing they do not exist). Tighten `rtol` and "
+        "`atol`, leave this parameter value out, or accept it with `throw=False`."
+    )
     contact_stays_closed = (
         "a contact fired again at the instant at which it had just fired, so it would stay closed. If the scene sets "
         "`sustained_contact = False`, set it to True; otherwise the laws of contact have no solution there."

@@ -1,5 +1,6 @@
 """Motion inside a mode: accelerations with the multipliers of the closed contacts eliminated (T1)."""
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
@@ -14,30 +15,47 @@ def free_acceleration(scene: AbstractScene, t, q, v) -> Float[Array, "dof"]:
     return solve_spd(scene.mass_matrix(q), scene.force(t, q, v))
 
 
-def held_acceleration(
-    scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]
-) -> tuple[Float[Array, "dof"], Float[Array, "contact"]]:
-    """Acceleration and multipliers with the active contacts held closed.
+def contact_multiplier(
+    scene: AbstractScene, t, q, v, free: Float[Array, "dof"], active: Bool[Array, "contact"]
+) -> tuple[Float[Array, "contact"], Float[Array, "dof"]]:
+    """Multipliers of the active contacts, given M^-1 F, and what they add to the acceleration.
 
     W_AA lambda_A = -(G_A^T M^-1 F + gamma_A),   v' = M^-1 (F + G_A lambda_A)   (T1); lambda = 0 outside A.
     """
-    free = free_acceleration(scene, t, q, v)
     geometry = contact_geometry(scene, t, q)
     _, bias = gap_rate_and_bias(scene, t, q, v)
     gap_acceleration = geometry.jacobian @ free + bias
     multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
-    return free + geometry.mobility @ multiplier, multiplier
+    return multiplier, geometry.mobility @ multiplier
 
 
 def acceleration(scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]) -> Float[Array, "dof"]:
     """v' in a mode. While every contact is open, only M^-1 F is evaluated."""
+    free = free_acceleration(scene, t, q, v)
     if not scene.sustained_contact or active.shape[0] == 0:
-        return free_acceleration(scene, t, q, v)
-    return lax.cond(
+        return free
+    return free + lax.cond(
         jnp.any(active),
-        lambda: held_acceleration(scene, t, q, v, active)[0],
-        lambda: free_acceleration(scene, t, q, v),
+        lambda: contact_multiplier(scene, t, q, v, free, active)[1],
+        lambda: jnp.zeros_like(free),
     )
+
+
+def multipliers(scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]) -> Float[Array, "contact"]:
+    """lambda(t, q, v) of the active contacts, 0 for the others."""
+    return contact_multiplier(scene, t, q, v, free_acceleration(scene, t, q, v), active)[0]
+
+
+def multipliers_and_rates(scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]):
+    """lambda and its rate along the motion, d lambda / dt = lambda_t + lambda_q v + lambda_v v'."""
+
+    def both(t, q, v):
+        free = free_acceleration(scene, t, q, v)
+        multiplier, held = contact_multiplier(scene, t, q, v, free, active)
+        return multiplier, free + held
+
+    (multiplier, a), rates = jax.linearize(both, t, q, v)
+    return multiplier, rates(jnp.ones_like(t), v, a)[0]
 
 
 def project_to_contacts(

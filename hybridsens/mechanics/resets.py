@@ -2,10 +2,12 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool
 
 from ..hybrid import Decision
-from .contact import ContactGeometry, contact_geometry, gap_and_rate
+from .contact import ContactGeometry, contact_geometry, contact_jacobian, gap_and_rate, gap_rate_and_bias
+from .flow import acceleration
 from .laws import Selection, gauss_selection, impact_impulse, impulse_support
 from .mode import ContactMode, EventKind, closeness
 from .scene import AbstractScene
@@ -43,12 +45,18 @@ def decide_transition(scene: AbstractScene, capture_speed: float, event, t, q, v
         return Decision(after, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, plastic))
 
     # A rebound too slow to matter is plastic, but only where the contact is pressed together: a grazing contact
-    # leaves slowly too, and has to keep its rebound.
+    # leaves slowly too, and has to keep its rebound. So the law is applied twice: with every slow contact plastic,
+    # and with those of them that were held then.
     slow = struck & (e * jnp.maximum(-rate, 0) <= capture_speed * fastest)
-    _, v_plastic = impact(slow)
-    plastic = slow & gauss_selection(scene, geometry, t, q, v_plastic, closed).active
-    support, v_after = impact(plastic)
-    selection = gauss_selection(scene, geometry, t, q, v_after, closed)
+
+    def law(_, carry):
+        plastic = carry[3]
+        support, v_after = impact(plastic)
+        selection = gauss_selection(scene, geometry, t, q, v_after, closed)
+        return plastic, support, selection, slow & selection.active
+
+    nobody = jnp.zeros_like(closed)
+    plastic, support, selection, _ = lax.fori_loop(0, 2, law, (nobody, nobody, Selection(nobody, nobody), slow))
     after = _mode_after(selection, geometry, q, fastest)
     kind = jnp.where(is_release, EventKind.RELEASE, jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT))
     return Decision(after, kind, ImpactDetail(support, plastic))
@@ -63,6 +71,15 @@ def initial_mode(scene: AbstractScene, t, q, v) -> ContactMode:
     closed = gap <= gap_tolerance(geometry, q)
     selection = gauss_selection(scene, geometry, t, q, v, closed)
     return _mode_after(selection, geometry, q, jnp.zeros_like(gap))
+
+
+def is_grazing(scene: AbstractScene, event, t, q, v, mode: ContactMode, depth) -> Bool[Array, ""]:
+    """Whether an impact is as shallow as `depth`: without the contact the gap would turn back at -Phi'^2 / (2 Phi'')."""
+    rate, bias = gap_rate_and_bias(scene, t, q, v)
+    a = acceleration(scene, t, q, v, mode.active)
+    gap_acceleration = contact_jacobian(scene, t, q)[event] @ a + bias[event]
+    turns_back = ~mode.active[event] & (gap_acceleration > 0)
+    return turns_back & (rate[event] ** 2 <= 2 * gap_acceleration * depth)
 
 
 def gap_tolerance(geometry: ContactGeometry, q):

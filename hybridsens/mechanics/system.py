@@ -1,5 +1,6 @@
 """A scene as a hybrid system: the only face of the mechanics that the solvers see."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -10,10 +11,10 @@ from jax import lax
 
 from ..hybrid import AbstractHybridSystem, Decision
 from .contact import contact_geometry, contact_jacobian, gap_and_rate
-from .flow import acceleration, held_acceleration, project_to_contacts
+from .flow import acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import impact_impulse
 from .mode import ContactMode, closeness
-from .resets import ImpactDetail, decide_transition
+from .resets import ImpactDetail, decide_transition, is_grazing
 from .scene import AbstractScene
 
 
@@ -26,6 +27,8 @@ class MechanicalSystem(AbstractHybridSystem):
     capture_speed: float = eqx.field(static=True)
     """Rebound speed, relative to the contact's fastest impact so far, below which it is captured."""
     dof: int = eqx.field(static=True)
+    depth: tuple[Any, Any] = (0.0, 0.0)
+    """(relative, absolute) penetration that the tolerances can resolve: a touch less deep is grazing."""
 
     def split(self, x):
         """q, v, z of a flat state (leading axes are kept)."""
@@ -47,7 +50,7 @@ class MechanicalSystem(AbstractHybridSystem):
             return gap
         return lax.cond(
             jnp.any(mode.active),
-            lambda: jnp.where(mode.active, held_acceleration(self.scene, t, q, v, mode.active)[1], gap),
+            lambda: jnp.where(mode.active, multipliers(self.scene, t, q, v, mode.active), gap),
             lambda: gap,
         )
 
@@ -60,8 +63,8 @@ class MechanicalSystem(AbstractHybridSystem):
             return gap, rate
 
         def with_multipliers():
-            guards, rates = AbstractHybridSystem.guards_and_rates(self, t, x, mode)
-            return jnp.where(mode.active, guards, gap), jnp.where(mode.active, rates, rate)
+            multiplier, multiplier_rate = multipliers_and_rates(self.scene, t, q, v, mode.active)
+            return jnp.where(mode.active, multiplier, gap), jnp.where(mode.active, multiplier_rate, rate)
 
         return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
 
@@ -75,7 +78,11 @@ class MechanicalSystem(AbstractHybridSystem):
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
         """Impact, capture or release, and who is held after it; see `decide_transition`."""
         q, v, _ = self.split(x)
-        return decide_transition(self.scene, self.capture_speed, event, t, q, v, mode)
+        decision = decide_transition(self.scene, self.capture_speed, event, t, q, v, mode)
+        relative, absolute = self.depth
+        size = jnp.abs(contact_jacobian(self.scene, t, q)[event]) @ jnp.abs(q)
+        grazing = is_grazing(self.scene, event, t, q, v, mode, absolute + relative * size)
+        return dataclasses.replace(decision, grazing=grazing)
 
     def reset(self, decision: Decision, t, x):
         """v+ = v- + M^-1 G P, q and z unchanged (1.7), (T3); emits the impulses P (contact,) [N s]."""

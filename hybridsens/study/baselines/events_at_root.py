@@ -1,0 +1,20 @@
+"""Diffrax events with a root finder: the best that plain autodiff does, exact but for the dense output at the events."""
+
+import optimistix as optx
+
+from ...mechanics.scene import AbstractScene, State
+from .event_chain import diffrax_solve, event_chain, first_event
+from .motion import BaselineMotion
+
+
+def events_at_root(
+    scene: AbstractScene, state: State, *, t0=0.0, t1, ts=None, running_cost=None, tolerance: float = 1e-8,
+    max_events: int = 64,
+) -> BaselineMotion:  # fmt: skip
+    """Motion whose events are placed by Newton's method on the solver's dense output, and differentiated through it.
+
+    `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
+    """
+    event = first_event(optx.Newton(rtol=1e-10, atol=1e-10))
+    solve = lambda *arguments: diffrax_solve(*arguments, event=event)
+    return event_chain(scene, state, t0, t1, ts, running_cost, solve, tolerance, max_events)

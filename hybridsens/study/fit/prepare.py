@@ -1,0 +1,127 @@
+"""From what a user says to a least-squares problem: observations by name, weights, priors, the horizon."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...mechanics.scene import State
+from .data import Measurements
+from .parameters import Selection
+from .problem import Observations, Prior
+
+_STATE_NAME = re.compile(r"([qv])[_\[]?(\d*)\]?")
+
+
+def state_observer(names: Sequence[str], dof: int) -> Callable[..., Any]:
+    """Observation function for columns named after the state: q, q0, q1, v, v0, ...
+
+    Raises: ValueError for other names, or a number beyond the degrees of freedom.
+    """
+    picks = []
+    for name in names:
+        match = _STATE_NAME.fullmatch(name)
+        place = int(match[2] or 0) if match else dof
+        if match is None or place >= dof:
+            raise ValueError(
+                f"Without `observe`, columns must be named q0 ... q{dof - 1} or v0 ... v{dof - 1} (q or v for the first), "
+                f"but there is {name!r}. Choose among them with `columns`, or say with `observe` what was measured."
+            )
+        picks.append(place + (dof if match[1] == "v" else 0))
+    return _PickState(tuple(picks))
+
+
+class _PickState(eqx.Module):
+    """Hashable and comparable, so that a second fit of the same columns compiles nothing."""
+
+    picks: tuple[int, ...] = eqx.field(static=True)
+
+    def __call__(self, scene, t, q, v):
+        del scene, t
+        return jnp.concatenate([q, v])[np.array(self.picks)]
+
+
+class NamedObserver(eqx.Module):
+    """An observation function with its result in the order of the columns."""
+
+    function: Callable[..., Any] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, scene, t, q, v):
+        seen = self.function(scene, t, q, v)
+        if isinstance(seen, Mapping):
+            seen = jnp.stack([seen[name] for name in self.names])
+        return jnp.atleast_1d(seen)
+
+
+def observer(observe: Callable[..., Any] | None, scene, state: State, names: tuple[str, ...]) -> Callable[..., Any]:
+    """The observation function, checked against the columns.
+
+    Raises: ValueError if what it returns does not fit the columns.
+    """
+    if not names:
+        return _PickState(())
+    if observe is None:
+        return state_observer(names, state.q.shape[0])
+    seen = eqx.filter_eval_shape(observe, scene, jnp.zeros((), state.q.dtype), state.q, state.v)
+    if isinstance(seen, Mapping):
+        unknown = [name for name in names if name not in seen]
+        if unknown:
+            raise ValueError(f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}.")
+    elif np.shape(seen) not in ((len(names),), () if len(names) == 1 else None):
+        raise ValueError(f"`observe` must return shape ({len(names)},) for {list(names)}, but returns {np.shape(seen)}.")
+    return NamedObserver(observe, names)
+
+
+def observations(data: Measurements) -> Observations:
+    """Measurements with weights 1 / sigma in the place of gaps and sigmas."""
+    known = np.isfinite(data.values)
+    sigmas = np.ones_like(data.values) if data.sigmas is None else data.sigmas
+    contacts = data.event_contacts
+    ranks = [int(np.sum(contacts[:k] == contacts[k])) for k in range(contacts.size)]
+    if np.any(contacts < 0) and np.any(contacts >= 0):
+        raise ValueError(f"`event_contacts` must be known for all event times or for none, but has {contacts}.")
+    arrays = (data.times, np.where(known, data.values, 0), np.where(known, 1 / sigmas, 0), data.event_times,
+              1 / data.event_sigmas)  # fmt: skip
+    return Observations(*(jnp.asarray(a) for a in arrays), jnp.asarray(contacts), jnp.asarray(ranks, int))
+
+
+def prior(selection: Selection, priors: Mapping[str, Any] | None) -> Prior:
+    """Normal priors from name -> (mean, sigma).
+
+    Raises: ValueError for a name that is not fitted, or a sigma that is not positive.
+    """
+    mean, weight = np.zeros(len(selection.labels)), np.zeros(len(selection.labels))
+    for name, (middle, sigma) in (priors or {}).items():
+        if name not in selection.labels:
+            raise ValueError(f"`priors` must have names among {list(selection.labels)}, but has {name!r}.")
+        if not sigma > 0:
+            raise ValueError(f"The prior of {name!r} must have a positive sigma, but has {sigma}.")
+        place = selection.labels.index(name)
+        mean[place], weight[place] = middle, 1 / sigma
+    return Prior(jnp.asarray(mean), jnp.asarray(weight))
+
+
+def horizon(data: Measurements, t0: float, t1: float | None) -> float:
+    """End of the horizon: t1, or the last time measured.
+
+    Raises: ValueError if a time lies outside [t0, t1].
+    """
+    times = np.concatenate([data.times, data.event_times])
+    last = float(times.max())
+    t1 = last if t1 is None else float(t1)
+    outside = times[(times < t0) | (times > t1)]
+    if outside.size:
+        raise ValueError(f"All measured times must lie in the horizon [{t0}, {t1}], but {outside[:5]} do not.")
+    if not t1 > t0:
+        raise ValueError(f"The horizon must have t1 > t0, but has t0 = {t0} and t1 = {t1}.")
+    return t1
+
+
+def concrete(tree):
+    """Numbers of a scene as arrays of the default floating point type where they were given as Python floats."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, tree)

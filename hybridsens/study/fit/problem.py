@@ -1,0 +1,128 @@
+"""The least-squares problem: residuals of a motion against measurements, as a function of the unknowns z."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ...adjoint.methods import AbstractGradientMethod
+from ...forward.status import Status
+from ...mechanics.mode import EventKind
+from ...simulate import simulate
+from ...trajectory import Events
+from .parameters import Selection
+
+
+class Numerics(eqx.Module):
+    """How motions are computed; see `simulate`."""
+
+    rtol: float = eqx.field(static=True)
+    atol: float = eqx.field(static=True)
+    max_events: int = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+    solver: diffrax.AbstractSolver | None = None
+
+
+class Trial(NamedTuple):
+    """What happened at a trial point."""
+
+    failed: Bool[Array, ""]
+    """The motion did not reach its end, or a residual is not finite."""
+    status: Status
+    kind: Int[Array, "event"]
+    """The event sequence: an `EventKind` each, -1 in padding."""
+    contact: Int[Array, "event"]
+    """Which contact, -1 in padding."""
+
+
+class Observations(eqx.Module):
+    """Measurements as a problem needs them: nothing is NaN, and what is missing has weight 0."""
+
+    times: Float[Array, "sample"]
+    values: Float[Array, "sample observation"]
+    weights: Float[Array, "sample observation"]
+    """1 / sigma, 0 where nothing was measured."""
+    event_times: Float[Array, "event"]
+    event_weights: Float[Array, "event"]
+    """1 / sigma of the event times."""
+    event_contacts: Int[Array, "event"]
+    event_ranks: Int[Array, "event"]
+    """The measured time is that of the impact with this number at its contact."""
+
+
+class Prior(eqx.Module):
+    """Normal priors of the parameters: (p - mean) / sigma are residuals too."""
+
+    mean: Float[Array, "parameter"]
+    weight: Float[Array, "parameter"]
+    """1 / sigma, 0 without a prior."""
+
+
+class Problem(eqx.Module):
+    """Least squares: minimise sum r^2 / 2 over z; r holds observations, event times and priors, each in sigmas."""
+
+    scene: Any
+    selection: Selection
+    initial_state: Callable[..., Any] = eqx.field(static=True)
+    """initial_state(scene) -> State"""
+    observe: Callable[..., Any] = eqx.field(static=True)
+    """observe(scene, t, q, v) -> (observation,)"""
+    data: Observations
+    prior: Prior
+    t0: Float[Array, ""]
+    horizon: Float[Array, ""]
+    """Motions end here, and later measurements have no weight."""
+    robust: float | None = eqx.field(static=True)
+    """Residuals beyond this many sigmas count linearly (pseudo-Huber); None: all count squared."""
+    numerics: Numerics
+
+    def scene_at(self, z: Float[Array, "parameter"]):
+        """The scene with the parameters p(z)."""
+        return self.selection.insert(self.scene, self.selection.to_values(z))
+
+    def residuals(
+        self, z: Float[Array, "parameter"], adjoint: AbstractGradientMethod
+    ) -> tuple[Float[Array, "residual"], Trial]:
+        """Residuals in sigmas, (sample x observation + event + parameter,), and what happened."""
+        scene = self.scene_at(z)
+        trajectory = self._simulate(scene, adjoint)
+        seen = self._observed(scene, trajectory) * (self.data.times <= self.horizon)[:, None]
+        parts = [self._limited(jnp.ravel(seen)), self._limited(self._event_residuals(trajectory.events))]
+        r = jnp.concatenate([*parts, (self.selection.to_values(z) - self.prior.mean) * self.prior.weight])
+        failed = (trajectory.status != Status.successful) | ~jnp.all(jnp.isfinite(r))
+        return r, Trial(failed, trajectory.status, trajectory.events.kind, trajectory.events.contact)
+
+    def _simulate(self, scene, adjoint):
+        ts = jnp.minimum(self.data.times, self.horizon)
+        numerics = self.numerics
+        return simulate(
+            scene, self.initial_state(scene), t0=self.t0, t1=self.horizon, ts=ts if ts.size else None,
+            solver=numerics.solver, rtol=numerics.rtol, atol=numerics.atol, max_events=numerics.max_events,
+            max_steps=numerics.max_steps, adjoint=adjoint, throw=False,
+        )  # fmt: skip
+
+    def _observed(self, scene, trajectory):
+        if self.data.times.size == 0:
+            return self.data.values
+        seen = eqx.filter_vmap(self.observe, in_axes=(None, 0, 0, 0))(
+            scene, self.data.times, trajectory.q, trajectory.v
+        )
+        return (seen - self.data.values) * self.data.weights
+
+    def _event_residuals(self, events: Events):
+        """Times of matching impacts; a motion with fewer impacts than were measured has the missing ones at the end."""
+        data = self.data
+        impact = (events.kind == EventKind.IMPACT) | (events.kind == EventKind.CAPTURE)
+        here = impact & ((events.contact == data.event_contacts[:, None]) | (data.event_contacts[:, None] < 0))
+        match = here & (jnp.cumsum(here, axis=1) - 1 == data.event_ranks[:, None])
+        times = jnp.where(jnp.any(match, axis=1), events.time[jnp.argmax(match, axis=1)], self.horizon)
+        return (times - data.event_times) * data.event_weights * (data.event_times <= self.horizon)
+
+    def _limited(self, r):
+        """Residuals whose squares are c^2 (2 sqrt(1 + (r/c)^2) - 2): large ones count linearly."""
+        if self.robust is None:
+            return r
+        return r * jnp.sqrt(2 / (1 + jnp.sqrt(1 + (r / self.robust) ** 2)))

@@ -1,0 +1,53 @@
+"""What a sweep shows while it runs, and the table of statuses that it ends with."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from .dataset import remedies, status_counts
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@contextmanager
+def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[int], None]]:
+    """A bar with rate and time left; gives a function to be called with the number of points just done.
+
+    Points that a resumed store already has count as done, but not towards the rate.
+    """
+    if not shown:
+        yield lambda done: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("sweep"), BarColumn(), MofNCompleteColumn(), TextColumn("points, {task.fields[rate]}"),
+        TimeElapsedColumn(), TextColumn("elapsed,"), TimeRemainingColumn(), TextColumn("left"),
+    )  # fmt: skip
+    # The estimate looks back as far as it can: chunks take long, and a sweep's rate changes over its points.
+    with Progress(*columns, speed_estimate_period=3600) as bar:
+        task = bar.add_task("sweep", total=points, completed=present, rate="compiling")
+
+        def advance(done: int) -> None:
+            bar.advance(task, done)
+            shown = bar.tasks[0]
+            rate = (shown.completed - present) / shown.elapsed if shown.elapsed else 0.0
+            bar.update(task, rate=f"{rate:,.0f}/s")
+
+        yield advance
+
+
+def print_statuses(dataset: "xr.Dataset") -> None:
+    """How many points ended how, and what can be done about those that failed."""
+    from rich.console import Console
+    from rich.table import Table
+
+    counts, meaning = status_counts(dataset), remedies(dataset)
+    table = Table(title=f"{sum(counts.values()):,} points", title_justify="left")
+    table.add_column("status")
+    table.add_column("points", justify="right")
+    table.add_column("what to do")
+    for name, count in counts.items():
+        table.add_row(name, f"{count:,}", meaning.get(name, "run the sweep again: it goes on where it stopped."))
+    Console().print(table)
