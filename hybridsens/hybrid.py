@@ -27,6 +27,8 @@ class Decision(eqx.Module):
     """What else `reset` has to know (which impulses act, say)."""
     grazing: Bool[Array, ""] | bool = False
     """Whether the guard was met so gently that the tolerances cannot tell an event from a near miss."""
+    hop: Float[Array, ""] | float = float("inf")
+    """How soon a guard that is being left may fall again: the first step after the event is no longer than that."""
 
 
 class AbstractHybridSystem(eqx.Module):
@@ -66,10 +68,11 @@ class AbstractHybridSystem(eqx.Module):
         flow = self.flow(t, x, mode)
         return jax.jvp(lambda t, x: self.guards(t, x, mode), (t, x), (jnp.ones_like(t), flow))
 
-    def resolution(
+    def scales(
         self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode
     ) -> tuple[Float[Array, "guard"] | float, Float[Array, "guard"] | float]:
-        """How small a guard and its rate may be and still be rounding. A guard that a segment starts on is not fired
-        by such a rate; by default there is no such doubt."""
+        """Sizes of the numbers that guards and their rates are differences of: what their rounding is relative to.
+
+        With the default, 0, a guard is trusted to the last bit."""
         del t, x, mode
         return 0.0, 0.0

@@ -87,14 +87,14 @@ def _simulate(system: MechanicalSystem, state: State, t0, t1, ts, method: Method
         cost_shape = jax.eval_shape(lambda: system.running_cost(system.scene, t0, state.q, state.v))
     z = jnp.zeros(sum(leaf.size for leaf in jax.tree.leaves(cost_shape)), state.q.dtype)
     x0 = jnp.concatenate([state.q, state.v, z])
-    mode = jax.lax.stop_gradient(initial_mode(system.scene, t0, state.q, state.v))
-    setting = Setting(mode, _initial_status(system.scene, state, t0, t1, ts, method), method)
+    mode = jax.lax.stop_gradient(initial_mode(system.scene, t0, state.q, state.v, method.atol))
+    setting = Setting(mode, _initial_status(system.scene, mode, state, t0, t1, ts, method), method)
     reported = solve(Inputs(system, x0, t0, t1, ts), setting, adjoint)
     return _trajectory(system, ts, reported, cost_shape)
 
 
-def _initial_status(scene: AbstractScene, state: State, t0, t1, ts, method: Method) -> Status:
-    holds = initial_values(scene, t0, state.q, state.v)
+def _initial_status(scene: AbstractScene, mode, state: State, t0, t1, ts, method: Method) -> Status:
+    holds = initial_values(scene, mode, t0, state.q, state.v)
     status = Status.running
     for name, failure in (
         ("gap", Status.penetration), ("restitution", Status.bad_restitution), ("mass_matrix", Status.bad_mass_matrix),

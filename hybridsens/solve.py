@@ -19,6 +19,7 @@ from .forward.segment_loop import run_segments
 from .forward.solver import TERM, flow_operations, prepare_solver
 from .forward.status import Status
 from .hybrid import AbstractHybridSystem, Mode
+from .traced_once import TracedOnce
 
 
 class Method(eqx.Module):
@@ -83,6 +84,7 @@ def solve(inputs: Inputs, setting: Setting, adjoint: AbstractGradientMethod | No
 
     With `Replay()` in reverse mode (and forward over reverse), with `ForwardSensitivities()` in forward mode.
     """
+    inputs = inputs._replace(system=TracedOnce(inputs.system))
     if isinstance(adjoint, ForwardSensitivities):
         return _forward(inputs, setting)[0]
     return _solve_in_reverse(inputs, setting)
@@ -101,8 +103,7 @@ def _solve_fwd(perturbed, inputs, setting):
 
 @_solve_in_reverse.def_bwd
 def _solve_bwd(motion, reported_bar, perturbed, inputs, setting):
-    del perturbed
-    return _backward(inputs, setting, motion, reported_bar)
+    return _backward(inputs, setting, motion, reported_bar, (perturbed.t0, perturbed.t1))
 
 
 @eqx.filter_custom_jvp
@@ -156,12 +157,12 @@ def _forward_lane(inputs: Inputs, setting: Setting) -> tuple[Reported, Motion]:
     return _report(inputs, setting, motion), motion
 
 
-def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Reported) -> Inputs:
+def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Reported, moving_ends) -> Inputs:
     """Cotangents of the inputs from those of the report (None where nothing depends on an entry)."""
     dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
 
     def lane(dynamic, motion, bar):
-        return _backward_lane(*eqx.combine(dynamic, static), motion, bar), None
+        return _backward_lane(*eqx.combine(dynamic, static), motion, bar, moving_ends), None
 
     def lane_of_batch(batched, dynamic, motion, bar):
         inputs_batched, motion_batched, _ = batched
@@ -172,7 +173,7 @@ def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Re
     return map_lanes_on_cpu(lane, lane_of_batch)(dynamic, motion, reported_bar)[0]
 
 
-def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported) -> Inputs:
+def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported, moving_ends) -> Inputs:
     parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
     replay = setting.method.replay_solver(_operations(inputs, setting))
     grid, ts_bar, sampled = None, None, None
@@ -185,7 +186,7 @@ def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Report
         rows(bar.after, events.after), rows(bar.emitted, events.emitted), grid,
     )  # fmt: skip
     start = (inputs.t0, inputs.x0)
-    gradient = pull_back(parameters, static, replay, motion, start, inputs.t1, cotangents)
+    gradient = pull_back(parameters, static, replay, motion, start, inputs.t1, cotangents, moving_ends)
     by_parameters = gradient.parameters
     if sampled is not None:
         by_parameters = jax.tree.map(jnp.add, by_parameters, sampled)

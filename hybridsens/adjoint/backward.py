@@ -36,17 +36,26 @@ class Gradient(NamedTuple):
     t1: Float[Array, ""]
 
 
-def pull_back(parameters, static, solver: diffrax.AbstractSolver, motion: Motion, start, t1, bar: Cotangents) -> Gradient:
+def pull_back(
+    parameters,
+    static,
+    solver: diffrax.AbstractSolver,
+    motion: Motion,
+    start,
+    t1,
+    bar: Cotangents,
+    moving_ends: tuple[bool, bool],
+) -> Gradient:
     """Gradient of a cost with the cotangents `bar`.
 
     psi' = -f_x^T psi (T7) by replaying the recorded steps, each step's exact derivative; (T8)-(T10) at the events. `parameters` and
-    `static` are the two halves of the system, `start` is (t0, x0).
+    `static` are the two halves of the system, `start` is (t0, x0); `moving_ends` says whether t0 and t1 are differentiated by.
     """
     system = eqx.combine(parameters, static)
     events = motion.events
     t1_grid, final_grid = _grid_bar(bar, motion.steps.count)
     psi = bar.final + final_grid
-    t1_bar = psi @ system.flow(t1, motion.x, motion.mode) + t1_grid
+    t1_bar = t1_grid + (psi @ system.flow(t1, motion.x, motion.mode) if moving_ends[1] else 0)
     total = jax.tree.map(jnp.zeros_like, parameters)
 
     def one_segment(carry):
@@ -62,8 +71,9 @@ def pull_back(parameters, static, solver: diffrax.AbstractSolver, motion: Motion
     carry = (events.count, psi, total, zero)
     _, psi, total, (t0_grid, x0_grid) = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, carry)
     t0, x0 = start
-    mode, _, _ = segment(motion, 0)
-    return Gradient(total, psi + x0_grid, t0_grid - psi @ system.flow(t0, x0, mode), t1_bar)
+    if moving_ends[0]:
+        t0_grid = t0_grid - psi @ system.flow(t0, x0, segment(motion, 0)[0])
+    return Gradient(total, psi + x0_grid, t0_grid, t1_bar)
 
 
 def _through_steps(parameters, static, solver, motion: Motion, mode, first, last, bar: Cotangents, psi, total):

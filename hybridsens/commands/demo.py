@@ -1,15 +1,18 @@
 """`hybridsens demo`: a motion, its functional's gradient by three methods, and a picture."""
 
+import inspect
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-if TYPE_CHECKING:
-    from ..study.demo import Demonstration
+from ..scenes import SCENES, ShippedScene
+from ..study.demo import Demonstration, demonstrate, relative_errors
+from ..study.plot import plot_gradients, plot_trajectory
 
 WIDTH = 110
 
@@ -20,26 +23,22 @@ def demo(
     tolerance: Annotated[float, typer.Option(help="Relative and absolute tolerance of the integration.")] = 1e-8,
 ) -> None:
     """Run a scene; show its events, and its gradient beside differences and naive automatic differentiation."""
-    from ..scenes import SCENES
-    from ..study.demo import demonstrate
-
     if scene not in SCENES:
         raise typer.BadParameter(f"there is no scene {scene!r}; choose one of {', '.join(SCENES)}")
     if not 1e-13 <= tolerance <= 1e-2:
         raise typer.BadParameter(f"the tolerance must lie between 1e-13 and 1e-2, but is {tolerance:g}")
     output = _writable(output or Path(f"hybridsens-{scene}.png"))
-    shown = demonstrate(SCENES[scene](), tolerance=tolerance)
+    chosen = SCENES[scene]()
+    shown = demonstrate(chosen, tolerance=tolerance)
     console = Console(width=WIDTH, highlight=False)
-    print(f"{scene}: {SCENES[scene].__doc__}\n\n{shown.trajectory}\n")
+    print(f"{scene}: {inspect.getdoc(chosen)}\n\n{shown.trajectory}\n")
     _print_gradients(console, shown)
     _print_timings(console, shown)
-    _picture(scene, SCENES[scene](), shown).savefig(output, dpi=120)
+    _picture(scene, chosen, shown).savefig(output, dpi=120)
     print(f"picture: {output}")
 
 
 def _writable(output: Path) -> Path:
-    from matplotlib.figure import Figure
-
     formats = Figure().canvas.get_supported_filetypes()
     if output.suffix.removeprefix(".") not in formats:
         raise typer.BadParameter(f"{output} must end in one of .{', .'.join(sorted(formats))}")
@@ -48,10 +47,9 @@ def _writable(output: Path) -> Path:
     return output
 
 
-def _print_gradients(console: Console, shown: "Demonstration") -> None:
-    from ..study.demo import relative_errors
-
-    print(f"J = int running_cost dt = {shown.cost:.12g}   (naive loop: {shown.naive_cost:.6g}, off by {_off(shown):.1e})")
+def _print_gradients(console: Console, shown: Demonstration) -> None:
+    off = abs(shown.naive_cost - shown.cost) / abs(shown.cost)
+    print(f"J = int running_cost dt = {shown.cost:.12g}   (naive loop: {shown.naive_cost:.6g}, off by {off:.1e})")
     print("dJ/dtheta, with errors relative to the largest entry of the differences:")
     table = Table(box=SIMPLE_HEAD)
     for heading in ("parameter", "value", "jump adjoint", "differences", "error", "naive autodiff", "error"):
@@ -69,11 +67,7 @@ def _print_gradients(console: Console, shown: "Demonstration") -> None:
     print(f"largest error: jump adjoint {errors[0].max():.1e}, naive autodiff {errors[1].max():.1e}\n")
 
 
-def _off(shown: "Demonstration") -> float:
-    return abs(shown.naive_cost - shown.cost) / abs(shown.cost)
-
-
-def _print_timings(console: Console, shown: "Demonstration") -> None:
+def _print_timings(console: Console, shown: Demonstration) -> None:
     table = Table("program", box=SIMPLE_HEAD)
     table.add_column("compile once", justify="right")
     table.add_column("one run", justify="right")
@@ -82,14 +76,10 @@ def _print_timings(console: Console, shown: "Demonstration") -> None:
     console.print(table)
 
 
-def _picture(name: str, scene, shown: "Demonstration"):
+def _picture(name: str, scene: ShippedScene, shown: Demonstration) -> Figure:
     """The motion to the left, the gradients to the right."""
-    from matplotlib.figure import Figure
-
-    from ..study.plot import plot_gradients, plot_trajectory
-
     figure = Figure(figsize=(12, 5.5), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=[1.6, 1])
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[1.6, 1])[0]
     plot_trajectory(scene, shown.trajectory, list(left.subplots(3, 1, sharex=True, height_ratios=[3, 3, 1])))
     axes = right.subplots()
     gradients = {"jump adjoint": shown.adjoint, "differences": shown.differences, "naive autodiff": shown.naive}

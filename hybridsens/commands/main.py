@@ -11,32 +11,39 @@ from ..trajectory import SimulationError
 from .demo import demo
 from .scenes import scenes
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None, help="Hybrid motions and their exact gradients.")
+app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 # Every command, in the order in which `hybridsens --help` lists them.
 for command in (demo, scenes):
     app.command()(command)
 
 
-def _print_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> bool:
     if wanted:
         print(version("hybridsens"))
         raise typer.Exit
+    return wanted
 
 
-@app.callback()
-def _options(
-    version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")] = False,
+@app.callback(invoke_without_command=True)
+def _hybridsens(
+    context: typer.Context,
+    show_version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
 ) -> None:
-    del version
+    """Hybrid mechanical motions and their exact gradients."""
+    del show_version
+    if context.invoked_subcommand is None:
+        print(context.get_help())
 
 
 def run(arguments: list[str] | None = None) -> int:
     """Run a command line; an error that the user can mend is one line on the error stream. Returns the exit status."""
     try:
         return app(arguments, standalone_mode=False) or 0
-    except (typer.TyperException, SimulationError, ValueError) as error:
-        message = error.format_message() if hasattr(error, "format_message") else str(error)
+    except (typer.TyperException, SimulationError, ValueError, OSError) as error:
+        message = getattr(error, "format_message", error.__str__)()
         print(f"hybridsens: {' '.join(message.split())}", file=sys.stderr)
         return getattr(error, "exit_code", 1)
 

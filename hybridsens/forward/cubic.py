@@ -4,35 +4,40 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
+from ..precision import rounding
+
 
 UNSURE = 0.01
 """How far a guard's cubic may be from the guard itself, relative to the end values that it is made from."""
 
 
 def first_falling_root(
-    g0: Float[Array, "guard"], d0: Float[Array, "guard"], g1: Float[Array, "guard"], d1: Float[Array, "guard"]
+    g0: Float[Array, "guard"],
+    d0: Float[Array, "guard"],
+    g1: Float[Array, "guard"],
+    d1: Float[Array, "guard"],
+    noise: Float[Array, "guard"],
 ) -> Float[Array, "guard"]:
     """First s in (0, 1] at which c(s) falls through zero, inf where it does not.
 
-    c is the cubic with c(0) = g0 >= 0, c'(0) = d0, c(1) = g1, c'(1) = d1 (rates times the step). It is looked at
+    c is the cubic with c(0) = g0 >= 0, c'(0) = d0, c(1) = g1, c'(1) = d1 (rates times the step), known up to `noise`. It is looked at
     inside as well as at its end: a guard that dips below zero and comes back within the step is found too. A minimum
     that stays above zero by less than the cubic can tell is returned as well: a step that ends there decides. Most
     steps are let through by a glance: a cubic lies in the hull of its four Bezier points.
     """
     below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | (g1 < 0)
     never = jnp.full_like(g0, jnp.inf)
-    return lax.cond(jnp.any(below), lambda: jnp.where(below, _falling_root(g0, d0, g1, d1), never), lambda: never)
+    return lax.cond(jnp.any(below), lambda: jnp.where(below, _falling_root(g0, d0, g1, d1, noise), never), lambda: never)
 
 
-def _falling_root(g0, d0, g1, d1):
+def _falling_root(g0, d0, g1, d1, noise):
     a = 3 * (g1 - g0) - 2 * d0 - d1
     b = d0 + d1 - 2 * (g1 - g0)
     value = lambda s: g0 + s * (d0 + s * (a + s * b))
     slope = lambda s: d0 + s * (2 * a + s * 3 * b)
     minimum, maximum = _stationary_points(a, b, d0)
     size = jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1)
-    noise = 8 * jnp.finfo(g0.dtype).eps * size
-    dips = (minimum > 0) & (minimum < 1) & (value(jnp.clip(minimum, 0, 1)) < -noise)
+    dips = (minimum > 0) & (minimum < 1) & (value(jnp.clip(minimum, 0, 1)) < -(rounding(g0.dtype) * size + noise))
     high = jnp.where(dips, minimum, 1.0)
     low = jnp.where((maximum > 0) & (maximum < high), maximum, 0.0)
     root = _monotone_root(value, slope, low, high)

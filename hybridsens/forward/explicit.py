@@ -51,15 +51,29 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         rows = tableau.a_lower[:-1] if tableau.fsal else tableau.a_lower
         run = _stages_written_out if self.unrolled else _stages_in_a_loop
         stages = run(lambda c, y: terms.vf(t0 + c * h, y, args), y0, h, first, rows, tableau.c)
-        weights = tableau.b_sol[:-1] if tableau.fsal else tableau.b_sol
-        y1 = system.project(t1, y0 + h * _combine(weights, stages), mode)
+        y1 = system.project(t1, y0 + h * _combine(_weights(tableau), stages), mode)
         last = terms.vf(t1, y1, args) if tableau.fsal else None
         error = h * _combine(tableau.b_error, [*stages, last] if tableau.fsal else stages)
         return y1, error, dict(y0=y0, y1=y1), last, diffrax.RESULTS.successful
 
 
+    def advance(self, system, mode, t0, t1, y0):
+        """The state after one step and nothing else: what a recorded step is replayed with."""
+        tableau = self.solver.tableau
+        h = t1 - t0
+        rows = tableau.a_lower[:-1] if tableau.fsal else tableau.a_lower
+        run = _stages_written_out if self.unrolled else _stages_in_a_loop
+        stages = run(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None, rows, tableau.c)
+        return system.project(t1, y0 + h * _combine(_weights(tableau), stages), mode)
+
+
+def _weights(tableau):
+    """Weights of the stages that the new state is made from; a first-same-as-last tableau's last stage is not among them."""
+    return tableau.b_sol[:-1] if tableau.fsal else tableau.b_sol
+
+
 def _stages_written_out(f, y0, h, first, rows, c):
-    stages = [first]
+    stages = [f(0.0, y0) if first is None else first]
     for row, c_i in zip(rows, c, strict=False):
         stages.append(f(float(c_i), y0 + h * _combine(row, stages)))
     return stages
@@ -75,8 +89,10 @@ def _stages_in_a_loop(f, y0, h, first, rows, c):
     def stage(k, i):
         return k.at[i].set(f(c[i], y0 + h * (a[i] @ k))), None
 
-    k = jnp.zeros((count, *y0.shape), y0.dtype).at[0].set(first)
-    k, _ = lax.scan(stage, k, jnp.arange(1, count))
+    k = jnp.zeros((count, *y0.shape), y0.dtype)
+    if first is not None:
+        k = k.at[0].set(first)
+    k, _ = lax.scan(stage, k, jnp.arange(0 if first is None else 1, count))
     return [k[i] for i in range(count)]
 
 

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from ..precision import closeness, rounding, time_resolution
 from .cubic import first_falling_root
 from .record import StepRecord
 
@@ -22,6 +23,8 @@ class GuardsAtStart(eqx.Module):
     rate: Float[Array, "guard"]
     noise: Float[Array, "guard"]
     """Rounding to be granted to a guard that the segment starts on without a rate; 0 for every other guard."""
+    rounding: Float[Array, "guard"]
+    """What evaluating each guard leaves."""
     leaving: Bool[Array, "guard"]
     """Guards that the segment starts on."""
     fired: Bool[Array, "guard"]
@@ -31,11 +34,12 @@ class GuardsAtStart(eqx.Module):
 def guards_at_start(system, t, x, mode) -> GuardsAtStart:
     """Tell guards that the segment leaves (it was just reset, or starts there) from guards that fire at once."""
     guard, rate = system.guards_and_rates(t, x, mode)
-    guard_noise, rate_noise = (jnp.broadcast_to(noise, guard.shape) for noise in system.resolution(t, x, mode))
-    fired = (rate < -rate_noise) & (guard <= -time_resolution(t, 0) * rate)
-    leaving = (guard <= jnp.maximum(guard_noise, 0)) & ~fired & (rate >= -rate_noise)
+    size, rate_size = (jnp.broadcast_to(scale, guard.shape) for scale in system.scales(t, x, mode))
+    noise, rate_noise = closeness(x.dtype) * size, closeness(x.dtype) * rate_size
+    fired = (rate < -rate_noise) & (guard <= rounding(x.dtype) * size - time_resolution(t, 0) * rate)
+    leaving = (guard <= noise) & ~fired & (rate >= -rate_noise)
     lifting = leaving & (rate <= rate_noise)  # without a rate, only its acceleration carries it off
-    return GuardsAtStart(guard, rate, jnp.where(lifting, guard_noise, 0), leaving, fired)
+    return GuardsAtStart(guard, rate, jnp.where(lifting, noise, 0), rounding(x.dtype) * size, leaving, fired)
 
 
 class LandingState(eqx.Module):
@@ -96,11 +100,13 @@ class LandingController(diffrax.AbstractStepSizeController):
         )
         guard, rate = system.guards_and_rates(t1, y1_candidate, mode)
         h = t1 - t0
-        resolution = time_resolution(t1, state.cuts)
-        sure = (state.noise == 0) | (state.cuts > 0)
-        on_guard = sure & (rate < 0) & (jnp.abs(guard) <= -resolution * rate)
-        root = first_falling_root(state.guard, state.rate * h, guard + state.noise, rate * h)
-        t_root = t0 + jnp.min(jnp.where(on_guard, jnp.inf, root), initial=jnp.inf) * h
+        on_guard = self._on_guard(t0, t1, guard, rate, state)
+        # A guard that was just left may be below zero by its rounding while it rises: no crossing.
+        rising = (rate >= 0) & (guard < 0) & (guard >= -self.start.rounding)
+        end = jnp.where(rising, 0, guard + state.noise)
+        root = first_falling_root(state.guard, state.rate * h, end, rate * h, self.start.rounding)
+        unresolved = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
+        t_root = t0 + jnp.min(jnp.where(on_guard | unresolved, jnp.inf, root), initial=jnp.inf) * h
         crossed = t_root < self.end - time_resolution(t1, 3)
         cut = accurate & crossed
         keep = accurate & ~crossed
@@ -128,6 +134,13 @@ class LandingController(diffrax.AbstractStepSizeController):
         )
         return keep, next_t0, next_t1, False, new, self._result(t0, next_t1, keep, landed, new)
 
+    def _on_guard(self, t0, t1, guard, rate, state: LandingState):
+        """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling."""
+        sure = (state.noise == 0) | (state.cuts > 0)
+        close = jnp.abs(guard) <= self.start.rounding - time_resolution(t1, state.cuts) * rate
+        unresolved = (t1 - t0 <= time_resolution(t0, 1)) & (guard < 0)
+        return sure & (rate < 0) & (close | unresolved)
+
     def _result(self, t0, next_t1, keep, landed, state: LandingState):
         R = diffrax.RESULTS
         capacity = state.record.t.shape[0] - 2
@@ -143,13 +156,3 @@ def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> Int[Array, "
     if guard.shape[0] == 0:
         return jnp.array(-1)
     return jnp.argmax(jnp.where(candidates, guard / jnp.where(rate < 0, rate, 1), -jnp.inf))
-
-
-def time_resolution(t, relaxation) -> Float[Array, ""]:
-    """How exactly an event can be placed in time: 4 units in the last place, times 4^relaxation.
-
-    The landing relaxes it with every cut, so that it ends also where rounding in the guard is worse than in time."""
-    spacing = jnp.finfo(t.dtype).eps * jnp.abs(t) + jnp.finfo(t.dtype).tiny
-    if isinstance(relaxation, int):
-        return 4.0 ** (1 + relaxation) * spacing
-    return 4 * spacing * jnp.left_shift(1, 2 * jnp.minimum(relaxation, 12)).astype(t.dtype)

@@ -8,7 +8,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..hybrid import AbstractHybridSystem, Decision
-from .landing import time_resolution
+from ..precision import time_resolution
 from .record import Motion
 from .segment import SegmentEnd, Stepper, solve_segment
 from .status import Status
@@ -69,6 +69,6 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
         last_event=jnp.where(passes, t, motion.last_event),
         grazing=motion.grazing | (passes & done.decision.grazing),
         rejected=motion.rejected,
-        first_step=motion.first_step,
+        first_step=jnp.where(passes, jnp.minimum(motion.first_step, done.decision.hop), motion.first_step),
         status=status,
     )

@@ -4,9 +4,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .contact import contact_geometry
 from .dense import pivots
-from .resets import gap_tolerance
+from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene, State
 
 
@@ -37,7 +36,7 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
                 raise TypeError(f"`running_cost` must return real numbers, but returns {leaf.dtype}.")
 
 
-def initial_values(scene: AbstractScene, t, q, v) -> dict[str, jax.Array]:
+def initial_values(scene: AbstractScene, mode: ContactMode, t, q, v) -> dict[str, jax.Array]:
     """Which requirements on the values hold at the start: name -> boolean."""
     mass_matrix = scene.mass_matrix(q)
     gap = scene.gap(t, q)
@@ -50,7 +49,7 @@ def initial_values(scene: AbstractScene, t, q, v) -> dict[str, jax.Array]:
         "finite": jnp.all(jnp.stack(finite)),
         "mass_matrix": symmetric & jnp.all(pivots(mass_matrix) > 0),
         "restitution": jnp.all((e >= 0) & (e <= 1)),
-        "gap": jnp.all(gap >= -gap_tolerance(contact_geometry(scene, t, q), q)),
+        "gap": jnp.all(gap >= -gap_tolerance(mode.length)),
     }
 
 

@@ -68,7 +68,6 @@ def project_to_contacts(
     members = active.astype(q.dtype)
     geometry = contact_geometry(scene, t, q)
     q = q - geometry.mobility @ solve_masked(geometry.delassus_matrix, scene.gap(t, q), members)
-    geometry = contact_geometry(scene, t, q)
-    _, rate = gap_and_rate(scene, t, q, v)
+    _, rate = gap_and_rate(scene, t, q, v)  # at the new q; what the geometry moved meanwhile is of second order
     v = v - geometry.mobility @ solve_masked(geometry.delassus_matrix, rate, members)
     return q, v

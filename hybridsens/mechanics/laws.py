@@ -5,11 +5,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..precision import closeness
 from .complementarity import complementarity_support
 from .contact import ContactGeometry, gap_and_rate, gap_rate_and_bias
 from .dense import solve_masked
 from .flow import free_acceleration
-from .mode import closeness
 from .scene import AbstractScene
 
 
@@ -30,23 +30,25 @@ def impact_impulse(
 
 
 def impulse_support(
-    geometry: ContactGeometry, rate, restitution, closed: Bool[Array, "contact"], v
+    geometry: ContactGeometry, rate, restitution, closed: Bool[Array, "contact"], speed
 ) -> Bool[Array, "contact"]:
-    """Contacts whose impulse is positive in (T3): 0 <= P _|_ phi'+ + E phi'- >= 0 on the closed contacts."""
-    noise = closeness(rate.dtype) * (jnp.abs(geometry.jacobian) @ jnp.abs(v))
+    """Contacts whose impulse is positive in (T3): 0 <= P _|_ phi'+ + E phi'- >= 0 on the closed contacts.
+
+    `speed` (contact,) is what rounding in the rates is relative to."""
+    noise = closeness(rate.dtype) * speed
     return complementarity_support(geometry.delassus_matrix, (1 + restitution) * rate, closed, noise)
 
 
 def gauss_selection(
-    scene: AbstractScene, geometry: ContactGeometry, t, q, v, closed: Bool[Array, "contact"]
+    scene: AbstractScene, geometry: ContactGeometry, t, q, v, closed: Bool[Array, "contact"], speed
 ) -> Selection:
     """Gauss's principle (1.4)-(1.5) as (T2) on the contacts that are closed and have no rate.
 
-    0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0.
+    0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0; `speed` (contact,) is what rounding in the rates is relative to.
     """
     _, rate = gap_and_rate(scene, t, q, v)
     tolerance = closeness(q.dtype)
-    still = closed & (jnp.abs(rate) <= tolerance * (jnp.abs(geometry.jacobian) @ jnp.abs(v)) + _tiny(q))
+    still = closed & (jnp.abs(rate) <= tolerance * speed)
     free = free_acceleration(scene, t, q, v)
     _, bias = gap_rate_and_bias(scene, t, q, v)
     gap_acceleration = geometry.jacobian @ free + bias
@@ -55,7 +57,3 @@ def gauss_selection(
     multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
     left_over = gap_acceleration + geometry.delassus_matrix @ multiplier
     return Selection(active, still & ~active & (left_over <= noise))
-
-
-def _tiny(q):
-    return jnp.finfo(q.dtype).tiny

@@ -6,6 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..precision import closeness
+
 
 class EventKind(enum.IntEnum):
     """What happened at an event; the numbers in `trajectory.events.kind`."""
@@ -28,6 +30,10 @@ class ContactMode(eqx.Module):
     touch at rest), so that rounding does not fire its guard; 0 for every other contact [m]."""
     fastest: Float[Array, "contact"]
     """Largest closing speed at which the contact was hit so far: the scale of the capture speed [m/s]."""
+    length: Float[Array, "contact"]
+    """Largest |G|^T |q| met so far: what rounding in the gap is relative to, also where q happens to pass 0 [m]."""
+    speed: Float[Array, "contact"]
+    """Largest |G|^T |v| met so far: what rounding in the gap rate is relative to, also at rest [m/s]."""
 
     @property
     def held(self) -> Bool[Array, "contact"]:
@@ -35,14 +41,9 @@ class ContactMode(eqx.Module):
         return self.active | (self.margin > 0)
 
 
-def open_mode(contacts: int, dtype) -> ContactMode:
-    """Every contact open and none hit yet."""
-    return ContactMode(jnp.zeros(contacts, bool), jnp.zeros(contacts, dtype), jnp.zeros(contacts, dtype))
-
-
-def closeness(dtype) -> float:
-    """Relative tolerance below which a gap counts as closed and a rate as zero: eps^(2/3), 4e-11 in float64."""
-    return float(jnp.finfo(dtype).eps) ** (2 / 3)
+def gap_tolerance(length):
+    """Gaps up to this size count as closed [m]."""
+    return closeness(length.dtype) * length
 
 
 def default_capture_speed(dtype) -> float:

@@ -1,15 +1,18 @@
 """What happens at an event: who takes part, which law acts, who is held afterwards."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool
 
 from ..hybrid import Decision
-from .contact import ContactGeometry, contact_geometry, contact_jacobian, gap_and_rate, gap_rate_and_bias
+from ..precision import closeness, rounding, time_resolution
+from .contact import ContactGeometry, contact_geometry, gap_and_rate, gap_rate_and_bias
 from .flow import acceleration
 from .laws import Selection, gauss_selection, impact_impulse, impulse_support
-from .mode import ContactMode, EventKind, closeness
+from .mode import ContactMode, EventKind, gap_tolerance
 from .scene import AbstractScene
 
 
@@ -22,79 +25,107 @@ class ImpactDetail(eqx.Module):
     """Contacts that are captured: their restitution counts as 0."""
 
 
-def decide_transition(scene: AbstractScene, capture_speed: float, event, t, q, v, mode: ContactMode) -> Decision:
-    """The discrete outcome of guard `event` falling through zero at (t, q, v-)."""
+def decide_transition(
+    scene: AbstractScene, capture_speed: float, depth, event, t, q, v, mode: ContactMode
+) -> Decision:
+    """The discrete outcome of guard `event` falling through zero at (t, q, v-).
+
+    `depth` is (relative, absolute): a touch that would penetrate less deep than that is grazing.
+    """
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
+    gap_acceleration = _gap_acceleration(scene, geometry, t, q, v, mode)
+    mode = _wider_scales(mode, geometry, q, v)
     fired = jnp.arange(gap.shape[0]) == event
     is_release = mode.active[event]
-    closed = jnp.where(is_release, mode.held & ~fired, mode.held | fired | _touching(geometry, event, gap, q))
+    touching = _touching(geometry, event, gap, gap_tolerance(mode.length) + time_resolution(t, 2) * jnp.abs(rate))
+    closed = jnp.where(is_release, mode.held & ~fired, mode.held | fired | touching)
     struck = closed & ~is_release
     fastest = jnp.where(struck, jnp.maximum(mode.fastest, -rate), mode.fastest)
+    mode = dataclasses.replace(mode, fastest=fastest)
+    grazing = ~is_release & _is_grazing(rate[event], gap_acceleration[event], depth[0] * mode.length[event] + depth[1])
     e = scene.restitution()
 
     def impact(plastic):
         restitution = jnp.where(plastic, 0, e)
-        support = impulse_support(geometry, rate, restitution, struck, v)
+        support = impulse_support(geometry, rate, restitution, struck, mode.speed)
         return support, v + geometry.mobility @ impact_impulse(geometry, rate, restitution, support)
 
     if not scene.sustained_contact:
         plastic = jnp.zeros_like(closed)
-        support, _ = impact(plastic)
-        after = ContactMode(mode.active, mode.margin, fastest)
-        return Decision(after, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, plastic))
+        support, v_after = impact(plastic)
+        hop = _hop(scene, t, q, v_after, gap_acceleration, struck)
+        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, plastic), grazing, hop)
 
-    # A rebound too slow to matter is plastic, but only where the contact is pressed together: a grazing contact
-    # leaves slowly too, and has to keep its rebound. So the law is applied twice: with every slow contact plastic,
-    # and with those of them that were held then.
-    slow = struck & (e * jnp.maximum(-rate, 0) <= capture_speed * fastest)
+    # A rebound too slow to matter (or to be seen above the rounding of the gap) is plastic, but only where the
+    # contact is pressed together: a grazing contact leaves slowly too, and has to keep its rebound. So the law is
+    # applied twice: with every slow contact plastic, and with those of them that were held then.
+    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)
+    slow = struck & (e * jnp.maximum(-rate, 0) <= jnp.maximum(capture_speed * fastest, unseen))
 
     def law(_, carry):
         plastic = carry[3]
         support, v_after = impact(plastic)
-        selection = gauss_selection(scene, geometry, t, q, v_after, closed)
-        return plastic, support, selection, slow & selection.active
+        selection = gauss_selection(scene, geometry, t, q, v_after, closed, mode.speed)
+        return plastic, support, selection, slow & selection.active, v_after
 
     nobody = jnp.zeros_like(closed)
-    plastic, support, selection, _ = lax.fori_loop(0, 2, law, (nobody, nobody, Selection(nobody, nobody), slow))
-    after = _mode_after(selection, geometry, q, fastest)
+    start = (nobody, nobody, Selection(nobody, nobody), slow, v)
+    plastic, support, selection, _, v_after = lax.fori_loop(0, 2, law, start)
+    after = _with_selection(mode, selection)
     kind = jnp.where(is_release, EventKind.RELEASE, jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT))
-    return Decision(after, kind, ImpactDetail(support, plastic))
+    hop = _hop(scene, t, q, v_after, gap_acceleration, struck & ~after.active)
+    return Decision(after, kind, ImpactDetail(support, plastic), grazing, hop)
 
 
-def initial_mode(scene: AbstractScene, t, q, v) -> ContactMode:
-    """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2)."""
+def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
+    """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2).
+
+    `atol` is the caller's word for a size that does not matter: it gives a scale to a scene that rests at the origin.
+    """
     gap, _ = gap_and_rate(scene, t, q, v)
-    if not scene.sustained_contact:
-        return ContactMode(jnp.zeros(gap.shape, bool), jnp.zeros_like(gap), jnp.zeros_like(gap))
     geometry = contact_geometry(scene, t, q)
-    closed = gap <= gap_tolerance(geometry, q)
-    selection = gauss_selection(scene, geometry, t, q, v, closed)
-    return _mode_after(selection, geometry, q, jnp.zeros_like(gap))
+    floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(jnp.abs(geometry.jacobian), axis=1)
+    zero = jnp.zeros_like(gap)
+    mode = _wider_scales(ContactMode(jnp.zeros(gap.shape, bool), zero, zero, floor, floor), geometry, q, v)
+    if not scene.sustained_contact:
+        return mode
+    closed = gap <= gap_tolerance(mode.length)
+    return _with_selection(mode, gauss_selection(scene, geometry, t, q, v, closed, mode.speed))
 
 
-def is_grazing(scene: AbstractScene, event, t, q, v, mode: ContactMode, depth) -> Bool[Array, ""]:
+def _gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v, mode: ContactMode):
+    """Phi'' = G^T v' + gamma, as the motion was before the event."""
+    _, bias = gap_rate_and_bias(scene, t, q, v)
+    return geometry.jacobian @ acceleration(scene, t, q, v, mode.active) + bias
+
+
+def _hop(scene: AbstractScene, t, q, v, gap_acceleration, leaving):
+    """Time of the shortest flight that begins here, 2 Phi' / -Phi''. A longer step could pass over a hop unseen."""
+    _, rate = gap_and_rate(scene, t, q, v)
+    falls_back = leaving & (rate > 0) & (gap_acceleration < 0)
+    return jnp.min(jnp.where(falls_back, -2 * rate / jnp.where(falls_back, gap_acceleration, -1), jnp.inf), initial=jnp.inf)
+
+
+def _is_grazing(rate, gap_acceleration, depth) -> Bool[Array, ""]:
     """Whether an impact is as shallow as `depth`: without the contact the gap would turn back at -Phi'^2 / (2 Phi'')."""
-    rate, bias = gap_rate_and_bias(scene, t, q, v)
-    a = acceleration(scene, t, q, v, mode.active)
-    gap_acceleration = contact_jacobian(scene, t, q)[event] @ a + bias[event]
-    turns_back = ~mode.active[event] & (gap_acceleration > 0)
-    return turns_back & (rate[event] ** 2 <= 2 * gap_acceleration * depth)
+    return (gap_acceleration > 0) & (rate**2 <= 2 * gap_acceleration * depth)
 
 
-def gap_tolerance(geometry: ContactGeometry, q):
-    """Gaps up to this size count as closed: the closeness times |G|^T |q|, so it scales with the scene [m]."""
-    return closeness(q.dtype) * (jnp.abs(geometry.jacobian) @ jnp.abs(q)) + jnp.finfo(q.dtype).tiny
-
-
-def _touching(geometry: ContactGeometry, event, gap, q):
+def _touching(geometry: ContactGeometry, event, gap, tolerance):
     """Contacts closed at this instant that the struck one acts on; uncoupled ones have an event of their own."""
     W = geometry.delassus_matrix
     size = jnp.sqrt(jnp.abs(jnp.diag(W) * W[event, event]))
-    coupled = jnp.abs(W[event]) > closeness(q.dtype) * size
-    return coupled & (gap <= gap_tolerance(geometry, q))
+    coupled = jnp.abs(W[event]) > closeness(gap.dtype) * size
+    return coupled & (gap <= tolerance)
 
 
-def _mode_after(selection: Selection, geometry: ContactGeometry, q, fastest) -> ContactMode:
-    margin = jnp.where(selection.resting, gap_tolerance(geometry, q), 0)
-    return ContactMode(selection.active, margin, fastest)
+def _wider_scales(mode: ContactMode, geometry: ContactGeometry, q, v) -> ContactMode:
+    size = jnp.abs(geometry.jacobian)
+    length, speed = jnp.maximum(mode.length, size @ jnp.abs(q)), jnp.maximum(mode.speed, size @ jnp.abs(v))
+    return dataclasses.replace(mode, length=length, speed=speed)
+
+
+def _with_selection(mode: ContactMode, selection: Selection) -> ContactMode:
+    margin = jnp.where(selection.resting, gap_tolerance(mode.length), 0)
+    return dataclasses.replace(mode, active=selection.active, margin=margin)

@@ -1,6 +1,5 @@
 """A scene as a hybrid system: the only face of the mechanics that the solvers see."""
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -10,11 +9,11 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..hybrid import AbstractHybridSystem, Decision
-from .contact import contact_geometry, contact_jacobian, gap_and_rate
+from .contact import contact_geometry, gap_and_rate
 from .flow import acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import impact_impulse
-from .mode import ContactMode, closeness
-from .resets import ImpactDetail, decide_transition, is_grazing
+from .mode import ContactMode
+from .resets import ImpactDetail, decide_transition
 from .scene import AbstractScene
 
 
@@ -68,21 +67,14 @@ class MechanicalSystem(AbstractHybridSystem):
 
         return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
 
-    def resolution(self, t, x, mode: ContactMode):
-        """Rounding in the gaps and in their rates, from the sizes of q and v; none is granted to a multiplier."""
-        q, v, _ = self.split(x)
-        rounding = closeness(x.dtype) * jnp.abs(contact_jacobian(self.scene, t, q))
-        gap, rate = rounding @ jnp.abs(q), rounding @ jnp.abs(v)
-        return jnp.where(mode.active, 0, gap), jnp.where(mode.active, 0, rate)
+    def scales(self, t, x, mode: ContactMode):
+        """|G|^T |q| and |G|^T |v|, the largest so far; a multiplier's scale is not known and counts as 0."""
+        return jnp.where(mode.active, 0, mode.length), jnp.where(mode.active, 0, mode.speed)
 
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
         """Impact, capture or release, and who is held after it; see `decide_transition`."""
         q, v, _ = self.split(x)
-        decision = decide_transition(self.scene, self.capture_speed, event, t, q, v, mode)
-        relative, absolute = self.depth
-        size = jnp.abs(contact_jacobian(self.scene, t, q)[event]) @ jnp.abs(q)
-        grazing = is_grazing(self.scene, event, t, q, v, mode, absolute + relative * size)
-        return dataclasses.replace(decision, grazing=grazing)
+        return decide_transition(self.scene, self.capture_speed, self.depth, event, t, q, v, mode)
 
     def reset(self, decision: Decision, t, x):
         """v+ = v- + M^-1 G P, q and z unchanged (1.7), (T3); emits the impulses P (contact,) [N s]."""

@@ -19,7 +19,7 @@ from .differences import differences
 from .naive import naive_motion
 
 REFERENCE_TOLERANCE = 1e-12
-"""Of the motions that differences are taken of: the noise of step selection is divided by the width of the differences."""
+"""Of the motions that differences are taken of: they divide the noise of step selection by their width."""
 SAMPLES = 2001
 
 
@@ -71,7 +71,7 @@ def demonstrate(scene: ShippedScene, *, tolerance: float = 1e-8, naive_steps: in
     return Demonstration(
         trajectory, parameter_names(scene), np.asarray(theta), float(value), float(naive_value),
         np.asarray(adjoint), slopes, one_sided, np.asarray(naive_gradient),
-        {"motion": motion_time, "motion and gradient": adjoint_time, f"naive gradient, {naive_steps} steps": naive_time},
+        {"motion": motion_time, "motion and gradient": adjoint_time, f"naive gradient, {naive_steps} steps": naive_time}
     )  # fmt: skip
 
 

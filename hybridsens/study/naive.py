@@ -1,7 +1,7 @@
 """What one writes first: a fixed-step loop whose impacts are a `where`. Its value converges; its gradient does not.
 
-The instant of an impact is a multiple of the step here, so automatic differentiation sees it as a constant: d t_k = 0 in
-(T6). What is missing, (R_x f- - f+) dt_k, does not vanish with the step.
+The instant of an impact is a multiple of the step here, so automatic differentiation sees it as a constant:
+d t_k = 0 in (T6). What is missing, (R_x f- - f+) dt_k, does not vanish with the step.
 """
 
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ class NaiveMotion(NamedTuple):
 
 
 def naive_motion(scene: AbstractScene, state: State, *, t1, steps: int, t0=0.0, running_cost=None) -> NaiveMotion:
-    """Motion of a scene from t0 to t1 in `steps` equal steps: semi-implicit Euler, then Newton's law where a gap is negative.
+    """Motion of a scene in `steps` equal steps: semi-implicit Euler, then Newton's law where a gap is negative.
 
     Contacts are hit one after the other and never stay closed. Differentiable, and wrong, which is its purpose.
 
@@ -40,7 +40,7 @@ def naive_motion(scene: AbstractScene, state: State, *, t1, steps: int, t0=0.0, 
         t = t0 + k * dt
         if running_cost is not None:
             rate = running_cost(scene, t, state.q, state.v)
-            cost = jax.tree.map(lambda total, l: total + dt * l, cost, rate)
+            cost = jax.tree.map(lambda total, part: total + dt * part, cost, rate)
         v = state.v + dt * free_acceleration(scene, t, state.q, state.v)
         q = state.q + dt * v
         return (State(q, _reset_where_closed(scene, t + dt, q, v)), cost), None

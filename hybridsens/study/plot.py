@@ -14,7 +14,7 @@ from ..trajectory import Trajectory
 
 _LINES = (("#14213d", "-"), ("#c8553d", "--"), ("#5b8e7d", "-."), ("#8d99ae", ":"))
 _MARKS = {EventKind.IMPACT: ("v", "black"), EventKind.CAPTURE: ("s", "0.6"), EventKind.RELEASE: ("^", "white")}
-_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 0.98), "frameon": False, "fontsize": "small", "borderaxespad": 0}
+_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "fontsize": "small", "borderaxespad": 0.1}
 """Legends stand above their axes, where no line can cross them."""
 
 
@@ -25,7 +25,7 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
     from top to bottom, or None for a new figure.
     Returns: the figure. Raises: ValueError if the trajectory has no samples or is a batch.
     """
-    if trajectory.ts is None or trajectory.q is None:
+    if trajectory.ts is None:
         raise ValueError("`trajectory` must have samples to be drawn, but has none: pass `ts=` to `simulate`.")
     if trajectory.ts.ndim != 1:
         raise ValueError(f"`trajectory` must be one motion, but is a batch of {trajectory.ts.shape[:-1]}.")
@@ -56,16 +56,16 @@ def plot_gradients(axes: Axes, names: list[str], gradients: dict[str, Float[np.n
     axes.set_xlim(-1.1, 1.1)
     axes.axvline(0, color="black", linewidth=0.8)
     axes.set_yticks(np.arange(len(names)), [name.replace("_", " ") for name in names])
-    axes.set_xlabel("relative to the largest of the parameter's bars")
+    axes.set_xlabel("dJ/dtheta, scaled per parameter")
     axes.invert_yaxis()
-    axes.legend(ncols=len(gradients), **_ABOVE)
+    axes.legend(ncols=len(gradients), columnspacing=1, handlelength=1.5, **_ABOVE)
 
 
 def _with_events(trajectory: Trajectory):
     """Samples, with the states just before and just after every event among them in the order of time."""
     events, count = trajectory.events, int(trajectory.events.count)
     time = events.time[:count]
-    t = np.concatenate([time, time, trajectory.ts])  # sorting is stable: before, after, sample
+    t = np.concatenate([time, time, np.asarray(trajectory.ts)])  # sorting is stable: before, after, sample
     order = np.argsort(t, kind="stable")
     both = lambda before, after, samples: jnp.concatenate([before[:count], after[:count], samples])[order]
     q = both(events.before.q, events.after.q, trajectory.q)

@@ -15,6 +15,8 @@ from .problem import Trial
 Sequence = tuple[tuple[str, int], ...]
 """An event sequence: (kind, contact) of every event in the order of time."""
 
+ENDED_BY_HAND = ("interrupted", "stopped by the callback")
+
 
 class Iteration(NamedTuple):
     """One line of the history."""
@@ -46,7 +48,7 @@ class Descent(NamedTuple):
     end: Sequence
     """Event sequences at the first and at the best point."""
     stopped: str
-    """Why it ended: "converged", "stalled", "max_iterations", "interrupted", "stopped by the callback" ..."""
+    """Why it ended: "converged", "stalled", "no improvement", "max_iterations", or one of `ENDED_BY_HAND`."""
 
 
 class GuessFailed(ValueError):
@@ -83,7 +85,7 @@ def descend(
         else:
             stopped = "max_iterations"
     except KeyboardInterrupt:
-        stopped = "interrupted"
+        stopped = ENDED_BY_HAND[0]
     return Descent(watch.z, watch.loss, carry, watch.history, watch.first, watch.best, stopped)
 
 
@@ -112,12 +114,12 @@ class _Watch:
         self.idle = 0 if accepted and loss < self.loss * (1 - 1e-6) else self.idle + 1
         if accepted:
             self.last = sequence
-        if accepted and loss < self.loss:
+        if accepted and loss <= self.loss:
             self.z, self.loss, self.best = outcome.z, loss, sequence
         return self._tell(line)
 
     def _tell(self, line: Iteration) -> str:
-        return "stopped by the callback" if self.callback is not None and self.callback(line) else ""
+        return ENDED_BY_HAND[1] if self.callback is not None and self.callback(line) else ""
 
 
 def _ended(outcome: Outcome, idle: bool) -> str:

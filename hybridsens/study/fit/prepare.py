@@ -32,11 +32,11 @@ def state_observer(names: Sequence[str], dof: int) -> Callable[..., Any]:
                 f"but there is {name!r}. Choose among them with `columns`, or say with `observe` what was measured."
             )
         picks.append(place + (dof if match[1] == "v" else 0))
-    return _PickState(tuple(picks))
+    return StateObserver(tuple(picks))
 
 
-class _PickState(eqx.Module):
-    """Hashable and comparable, so that a second fit of the same columns compiles nothing."""
+class StateObserver(eqx.Module):
+    """Entries of (q, v). Hashable and comparable, so that a second fit of the same columns compiles nothing."""
 
     picks: tuple[int, ...] = eqx.field(static=True)
 
@@ -64,7 +64,7 @@ def observer(observe: Callable[..., Any] | None, scene, state: State, names: tup
     Raises: ValueError if what it returns does not fit the columns.
     """
     if not names:
-        return _PickState(())
+        return StateObserver(())
     if observe is None:
         return state_observer(names, state.q.shape[0])
     seen = eqx.filter_eval_shape(observe, scene, jnp.zeros((), state.q.dtype), state.q, state.v)
@@ -103,7 +103,7 @@ def prior(selection: Selection, priors: Mapping[str, Any] | None) -> Prior:
             raise ValueError(f"The prior of {name!r} must have a positive sigma, but has {sigma}.")
         place = selection.labels.index(name)
         mean[place], weight[place] = middle, 1 / sigma
-    return Prior(jnp.asarray(mean), jnp.asarray(weight))
+    return Prior(jnp.asarray(mean), jnp.asarray(weight), jnp.zeros(len(mean)), jnp.zeros(()))
 
 
 def horizon(data: Measurements, t0: float, t1: float | None) -> float:
@@ -120,6 +120,41 @@ def horizon(data: Measurements, t0: float, t1: float | None) -> float:
     if not t1 > t0:
         raise ValueError(f"The horizon must have t1 > t0, but has t0 = {t0} and t1 = {t1}.")
     return t1
+
+
+def sigma_unit(data: Measurements) -> float:
+    """How large a residual of one sigma is: 1, or a percent of the data's spread where no sigmas were given."""
+    if data.sigmas is not None or data.values.size == 0:
+        return 1.0
+    return 0.01 * float(np.nanmax(np.nanstd(data.values, axis=0))) or 1.0
+
+
+def initial_state(scene, state: State | Callable[..., State] | None) -> Callable[..., State]:
+    """The function scene -> initial state.
+
+    Raises: TypeError if there is none.
+    """
+    if state is None:
+        if not hasattr(scene, "initial_state"):
+            raise TypeError(f"`state` must be given, since {type(scene).__name__} has no method `initial_state`.")
+        return _own_initial_state
+    if callable(state):
+        return state
+    if not isinstance(state, State):
+        raise TypeError(f"`state` must be a State, a function of the scene, or None, but is {type(state).__name__}.")
+    return _FixedState(state)
+
+
+def _own_initial_state(scene) -> State:
+    return scene.initial_state()
+
+
+class _FixedState(eqx.Module):
+    state: State
+
+    def __call__(self, scene) -> State:
+        del scene
+        return self.state
 
 
 def concrete(tree):

@@ -59,6 +59,10 @@ class Prior(eqx.Module):
     mean: Float[Array, "parameter"]
     weight: Float[Array, "parameter"]
     """1 / sigma, 0 without a prior."""
+    anchor: Float[Array, "parameter"]
+    """Where z is held in stages of a fit that leave some parameters undetermined; see `horizon.py`."""
+    anchor_weight: Float[Array, ""]
+    """0 in the full problem."""
 
 
 class Problem(eqx.Module):
@@ -66,17 +70,19 @@ class Problem(eqx.Module):
 
     scene: Any
     selection: Selection
-    initial_state: Callable[..., Any] = eqx.field(static=True)
+    initial_state: Callable[..., Any]
     """initial_state(scene) -> State"""
-    observe: Callable[..., Any] = eqx.field(static=True)
+    observe: Callable[..., Any]
     """observe(scene, t, q, v) -> (observation,)"""
     data: Observations
     prior: Prior
     t0: Float[Array, ""]
     horizon: Float[Array, ""]
     """Motions end here, and later measurements have no weight."""
-    robust: float | None = eqx.field(static=True)
-    """Residuals beyond this many sigmas count linearly (pseudo-Huber); None: all count squared."""
+    sigma_unit: Float[Array, ""]
+    """How large a residual of one sigma is: 1 where sigmas were given."""
+    robust: float | None
+    """Residuals beyond this (in sigmas) count linearly (pseudo-Huber); None: all count squared."""
     numerics: Numerics
 
     def scene_at(self, z: Float[Array, "parameter"]):
@@ -86,12 +92,13 @@ class Problem(eqx.Module):
     def residuals(
         self, z: Float[Array, "parameter"], adjoint: AbstractGradientMethod
     ) -> tuple[Float[Array, "residual"], Trial]:
-        """Residuals in sigmas, (sample x observation + event + parameter,), and what happened."""
+        """Residuals in sigmas, (sample x observation + event + 2 parameter,), and what happened."""
         scene = self.scene_at(z)
         trajectory = self._simulate(scene, adjoint)
         seen = self._observed(scene, trajectory) * (self.data.times <= self.horizon)[:, None]
         parts = [self._limited(jnp.ravel(seen)), self._limited(self._event_residuals(trajectory.events))]
-        r = jnp.concatenate([*parts, (self.selection.to_values(z) - self.prior.mean) * self.prior.weight])
+        parts += [(self.selection.to_values(z) - self.prior.mean) * self.prior.weight]
+        r = jnp.concatenate([*parts, (z - self.prior.anchor) * self.prior.anchor_weight])
         failed = (trajectory.status != Status.successful) | ~jnp.all(jnp.isfinite(r))
         return r, Trial(failed, trajectory.status, trajectory.events.kind, trajectory.events.contact)
 

@@ -1,4 +1,4 @@
-"""A sweep on many machines: one task a chunk on a `dask.distributed` client, each writing its own part of one Zarr store."""
+"""A sweep on many machines: one task a chunk on a `dask.distributed` client, each writing its part of one store."""
 
 import functools
 from collections.abc import Callable, Iterator
@@ -16,12 +16,15 @@ Tile = dict[str, slice]
 
 
 def run_on_cluster(
-    client: "Client", make_engine: Callable[[], "Engine"], location: Any, tasks: Iterator[tuple[Tile, dict[str, np.ndarray]]]
+    client: "Client",
+    make_engine: Callable[[], "Engine"],
+    location: Any,
+    tasks: Iterator[tuple[Tile, dict[str, np.ndarray]]],
 ) -> Iterator[Tile]:
     """Run every (tile, columns) on some worker and give back the tiles as they are done.
 
-    A worker that dies takes only its unfinished tiles with it, and they run again elsewhere; writing a tile twice writes the
-    same numbers to the same place. All workers must reach the store.
+    A worker that dies takes only its unfinished tiles with it, and they run again elsewhere; writing a tile twice
+    writes the same numbers to the same place. All workers must reach the store.
     """
     try:
         import cloudpickle
@@ -30,8 +33,10 @@ def run_on_cluster(
         raise ImportError("A sweep on a cluster needs dask.distributed: pip install 'hybridsens[cluster]'.") from error
     # As bytes, so that a worker can set JAX up before it unpickles the first array.
     program = cloudpickle.dumps(make_engine)
-    x64 = bool(jax.config.jax_enable_x64)
-    futures = {client.submit(run_tile, program, x64, location, tile, columns, pure=False): tile for tile, columns in tasks}
+    x64 = bool(jax.config.read("jax_enable_x64"))
+    futures = {
+        client.submit(run_tile, program, x64, location, tile, columns, pure=False): tile for tile, columns in tasks
+    }
     for future in as_completed(list(futures)):
         future.result()
         yield futures.pop(future)

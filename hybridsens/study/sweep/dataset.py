@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def from_memory(arrays: Mapping[str, np.ndarray], layout: Mapping[str, Variable], coordinates, attributes) -> "xr.Dataset":
+def from_memory(
+    arrays: Mapping[str, np.ndarray], layout: Mapping[str, Variable], coordinates, attributes
+) -> "xr.Dataset":
     """A Dataset of arrays in memory."""
     data = {name: (v.dims, arrays[name], v.attributes) for name, v in layout.items()}
     coords = {name: (dims, values, about) for name, (dims, values, about) in coordinates.items()}

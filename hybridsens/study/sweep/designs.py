@@ -67,10 +67,14 @@ def grid(scene: Any, values: Mapping[str, Sequence[float] | np.ndarray | jax.Arr
     axes = {name: np.asarray(axis, float) for name, axis in values.items()}
     for name, axis in axes.items():
         if axis.ndim != 1 or axis.size == 0 or not np.isfinite(axis).all():
-            raise ValueError(f"The values of {name!r} must be a list of finite numbers, but have shape {axis.shape}: {axis}.")
+            raise ValueError(
+                f"The values of {name!r} must be a list of finite numbers, but have shape {axis.shape}: {axis}."
+            )
     if not axes:
         raise ValueError("A grid must have at least one parameter to vary, but has none.")
-    return Design(scene, {name: axis.size for name, axis in axes.items()}, axes, {name: (name,) for name in axes}, "grid")
+    return Design(
+        scene, {name: axis.size for name, axis in axes.items()}, axes, {name: (name,) for name in axes}, "grid"
+    )
 
 
 def random(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> Design:
@@ -86,7 +90,7 @@ def latin_hypercube(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> D
 
 
 def sobol(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> Design:
-    """A scrambled Sobol sequence: the quasi-random points for averages. `points` must be a power of two, which keeps it balanced."""
+    """A scrambled Sobol sequence, for averages. `points` must be a power of two, which keeps it balanced."""
     return _table(scene, bounds, _sobol_points(len(bounds), points, seed), "sobol")
 
 
@@ -108,8 +112,8 @@ def batch(scenes: Any) -> Design:
     Raises ValueError if the leading axes differ, or if there is no array at all.
     """
     leaves = parameters(scenes)
-    lengths = {name: leaf.shape[0] if leaf.ndim > 0 else None for name, leaf in leaves.items()}
-    if len(set(lengths.values())) != 1 or None in lengths.values():
+    lengths = {name: leaf.shape[0] if leaf.ndim > 0 else 0 for name, leaf in leaves.items()}
+    if len(set(lengths.values())) != 1 or 0 in lengths.values():
         raise ValueError(f"All parameters of the scenes must have the same leading axis, but have lengths {lengths}.")
     (size,) = set(lengths.values())
     columns = {name: np.asarray(leaf) for name, leaf in leaves.items()}

@@ -1,5 +1,6 @@
 """Many points at once: sharded over the devices of a machine, mapped or vmapped on each, in one compiled program."""
 
+import functools
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -33,7 +34,7 @@ class Engine:
     and stays halved.
     """
 
-    def __init__(self, program: Program, batch: int, devices: Sequence[jax.Device] | None, mapped: bool | None):
+    def __init__(self, program: Program, batch: int, devices: Sequence[Any] | None, mapped: bool | None):
         devices = list(jax.devices() if devices is None else devices)
         self.program = program
         self.mesh = Mesh(np.array(devices), (LANE,))
@@ -65,7 +66,7 @@ class Engine:
         return {name: np.asarray(result)[back] for name, result in jax.block_until_ready(results).items()}
 
     def _order(self, batch):
-        """Mapped lanes are dealt out like cards, so that devices get equal work where it varies smoothly over the points.
+        """Mapped lanes are dealt out like cards: devices get equal work where it varies smoothly over the points.
 
         Lanes that run in step stay beside their neighbours, which take about as long as they do."""
         order = np.arange(batch)
@@ -75,7 +76,9 @@ class Engine:
         if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" not in str(error):
             raise error
         if batch <= self.mesh.size:
-            raise MemoryError("One point on each device does not fit into memory: lower `max_steps`, `max_events`.") from error
+            raise MemoryError(
+                "One point on each device does not fit into memory: lower `max_steps`, `max_events`."
+            ) from error
         self.batch = _multiple(batch // 2, self.mesh.size)
         warnings.warn(
             f"{batch} points at once do not fit into memory; going on with {self.batch}. "
@@ -90,7 +93,7 @@ def _run(cost, scene, wanted: Wanted, columns, mesh: Mesh, mapped: bool):
 
     def shard(arrays, columns):
         cost, scene = eqx.combine(arrays, static)
-        lane = lambda columns: evaluate(cost, scene, columns, wanted)
+        lane = functools.partial(evaluate, cost, scene, wanted)
         return lax.map(lane, columns) if mapped else jax.vmap(lane)(columns)
 
     everywhere, by_lane = PartitionSpec(), PartitionSpec(LANE)
@@ -102,13 +105,13 @@ def _run(cost, scene, wanted: Wanted, columns, mesh: Mesh, mapped: bool):
 def shapes(program: Program, columns: dict[str, np.ndarray]) -> dict[str, jax.ShapeDtypeStruct]:
     """Names, shapes and types of what one point gives."""
     one = {name: jnp.asarray(column[0]) for name, column in columns.items()}
-    return eqx.filter_eval_shape(evaluate, program.cost, program.scene, one, program.wanted)
+    return eqx.filter_eval_shape(evaluate, program.cost, program.scene, program.wanted, one)
 
 
 def program_text(program: Program, columns: dict[str, np.ndarray]) -> str:
     """The program of one point as the compiler gets it: the same text means the same numbers."""
     one = {name: jnp.asarray(column[0]) for name, column in columns.items()}
-    return eqx.filter_jit(evaluate).lower(program.cost, program.scene, one, program.wanted).as_text()
+    return eqx.filter_jit(evaluate).lower(program.cost, program.scene, program.wanted, one).as_text()
 
 
 def _multiple(size: int, of: int) -> int:

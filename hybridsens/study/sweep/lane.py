@@ -31,7 +31,7 @@ def status_names() -> tuple[str, ...]:
     return tuple(Status._name_to_item)  # Equinox has no public way to list an enumeration
 
 
-def evaluate(cost: Callable, scene: Any, columns: dict[str, Any], wanted: Wanted) -> dict[str, Any]:
+def evaluate(cost: Callable, scene: Any, wanted: Wanted, columns: dict[str, Any]) -> dict[str, Any]:
     """Everything about one point, by the names that the Dataset has. Values of a point that failed are NaN.
 
     Raises TypeError or ValueError, while it is traced, for a cost that a sweep cannot use.
@@ -47,11 +47,14 @@ def evaluate(cost: Callable, scene: Any, columns: dict[str, Any], wanted: Wanted
         gradient, (j, trajectory) = jax.grad(value, has_aux=True)(chosen)
     else:
         gradient, (j, trajectory) = {}, value(chosen)[1]
-    finite = jnp.isfinite(j) & jnp.all(jnp.stack([jnp.all(jnp.isfinite(d)) for d in (j, *gradient.values())]))
+    finite = jnp.all(jnp.isfinite(jnp.concatenate([jnp.ravel(d) for d in (j, *gradient.values())])))
     status = _code(Status.successful) if trajectory is None else _code(trajectory.status)
     status = jnp.where((status == _code(Status.successful)) & ~finite, _code(Status.non_finite), status)
     ok = status == _code(Status.successful)
-    unless_failed = lambda leaf: jnp.where(ok, leaf, jnp.nan)
+
+    def unless_failed(leaf):
+        return jnp.where(ok, leaf, jnp.nan)
+
     out = {"J": unless_failed(j), **{f"dJ_d{name}": unless_failed(d) for name, d in gradient.items()}}
     if trajectory is not None:
         out |= _event_summary(trajectory, wanted.events)
@@ -71,7 +74,9 @@ def _value_and_trajectory(out, wanted: Wanted):
     if trajectory is not None and trajectory.events.count.shape != ():
         raise ValueError(f"The trajectory must be one motion, but has the batch shape {trajectory.events.count.shape}.")
     if wanted.states and (trajectory is None or trajectory.ts is None):
-        raise ValueError("With states=True the cost must return (J, trajectory), where the trajectory has times `ts`; it has not.")
+        raise ValueError(
+            "With states=True the cost must return (J, trajectory), where the trajectory has times `ts`; it has not."
+        )
     return j, trajectory
 
 

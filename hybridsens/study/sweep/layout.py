@@ -25,7 +25,13 @@ _MEANING = {
     "q": "configurations at the times asked for",
     "v": "velocities at the times asked for",
 }
-_INNER = {"event_time": ("event",), "event_kind": ("event",), "event_contact": ("event",), "q": ("sample", "dof"), "v": ("sample", "dof")}
+_INNER = {
+    "event_time": ("event",),
+    "event_kind": ("event",),
+    "event_contact": ("event",),
+    "q": ("sample", "dof"),
+    "v": ("sample", "dof"),
+}
 
 
 class Variable(NamedTuple):
@@ -58,7 +64,9 @@ def variables(design: Design, lane: dict[str, jax.ShapeDtypeStruct], units: Mapp
     return {name: _variable(name, lane[name], design, units) for name in names}
 
 
-def coordinates(design: Design, units: Mapping[str, str]) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, Any]]]:
+def coordinates(
+    design: Design, units: Mapping[str, str]
+) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, Any]]]:
     """The varied parameters: dimensions, values and attributes (units, and the box they were drawn from)."""
     found = {}
     for name, column in design.columns.items():
@@ -73,7 +81,9 @@ def coordinates(design: Design, units: Mapping[str, str]) -> dict[str, tuple[tup
 def _variable(name, struct, design: Design, units) -> Variable:
     inner = _INNER.get(name) or _inner_dims(name.removeprefix("dJ_d"), struct.shape)
     dims = (*design.shape, *inner)
-    attributes = {"long_name": _MEANING.get(name, f"derivative of J by {name.removeprefix('dJ_d')}")} | _units(name, units)
+    attributes = {"long_name": _MEANING.get(name, f"derivative of J by {name.removeprefix('dJ_d')}")} | _units(
+        name, units
+    )
     if name == "status":
         attributes |= _flags(status_names())
     if name == "event_kind":

@@ -45,7 +45,9 @@ def check_names(scene: Any, names) -> None:
         if leaf not in known:
             raise ValueError(f"A parameter must have one of the names {', '.join(known)}, but has the name {name!r}.")
         shape = known[leaf].shape
-        inside = index is not None and len(index) == len(shape) and all(i < n for i, n in zip(index, shape, strict=True))
+        inside = (
+            index is not None and len(index) == len(shape) and all(i < n for i, n in zip(index, shape, strict=True))
+        )
         if not inside and (index is not None or shape != ()):
             raise ValueError(
                 f"{leaf!r} has shape {shape}, so its entries must be named one by one, such as "

@@ -19,7 +19,14 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
     if not shown:
         yield lambda done: None
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         TextColumn("sweep"), BarColumn(), MofNCompleteColumn(), TextColumn("points, {task.fields[rate]}"),

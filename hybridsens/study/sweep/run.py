@@ -5,8 +5,6 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import jax
-
 from .cluster import run_on_cluster
 from .dataset import from_memory, from_store
 from .designs import Design, batch
@@ -31,7 +29,7 @@ def sweep(
     states: bool = False,
     store: Any = None,
     chunk: int = 8192,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Sequence[Any] | None = None,
     mapped: bool | None = None,
     client: Any = None,
     units: Mapping[str, str] | None = None,
@@ -59,7 +57,8 @@ def sweep(
     - `progress`: show a bar, and a table of statuses at the end.
 
     Returns: an xarray Dataset with the design's dimensions: J, dJ_d<name>, status, and with a trajectory event_count,
-    event_sequence (equal numbers: the same sequence), grazing_margin [m/s], steps, event_time [s], event_kind, event_contact.
+    event_sequence (equal numbers: the same sequence), grazing_margin [m/s], steps, event_time [s], event_kind,
+    event_contact.
 
     Raises: ValueError or TypeError for a cost, names, units or a store that do not fit.
     """

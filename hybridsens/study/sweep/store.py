@@ -37,9 +37,9 @@ class MemoryStore:
 class ZarrStore:
     """Results on disk (or wherever Zarr writes to)."""
 
-    def __init__(self, location: Any, mode: str = "r+"):
+    def __init__(self, location: Any):
         self.location = location
-        self.arrays = _zarr().open_group(location, mode=mode)
+        self.arrays: Any = _zarr().open_group(location, mode="r+")
 
     def write(self, tile: Mapping[str, slice], results: Mapping[str, np.ndarray]) -> None:
         """Put the results of a tile in their chunks."""
@@ -61,7 +61,12 @@ def write_tile(arrays, tile: Mapping[str, slice], results: Mapping[str, np.ndarr
 
 
 def open_or_create(
-    location: Any, digest: str, layout: Mapping[str, Variable], coordinates: Mapping[str, tuple], edges: Mapping[str, int], attributes: dict
+    location: Any,
+    digest: str,
+    layout: Mapping[str, Variable],
+    coordinates: Mapping[str, tuple],
+    edges: Mapping[str, int],
+    attributes: dict,
 ) -> ZarrStore:
     """The store of a sweep, new or to be resumed.
 
@@ -84,7 +89,8 @@ def _state(location) -> dict | None:
     if isinstance(location, str | Path) and Path(location).is_dir() and not any(Path(location).iterdir()):
         return None
     try:
-        return dict(zarr.open_group(location, mode="r").attrs).get(_MARK, {})
+        mark = zarr.open_group(location, mode="r").attrs.get(_MARK)
+        return mark if isinstance(mark, dict) else {}
     except FileNotFoundError:
         if isinstance(location, str | Path) and Path(location).exists():
             return {}
@@ -94,7 +100,9 @@ def _state(location) -> dict | None:
 def _create(location, digest, layout, coordinates, edges, attributes):
     group = _zarr().open_group(location, mode="w", attributes={_MARK: {"digest": digest}})
     for name, (dims, values, about) in coordinates.items():
-        array = group.create_array(name, shape=values.shape, dtype=values.dtype, chunks=values.shape, dimension_names=dims, attributes=about)
+        array = group.create_array(
+            name, shape=values.shape, dtype=values.dtype, chunks=values.shape, dimension_names=dims, attributes=about
+        )
         array[...] = values
     for name, variable in layout.items():
         chunks = tuple(edges.get(dim, size) for dim, size in zip(variable.dims, variable.shape, strict=True))

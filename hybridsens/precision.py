@@ -1,0 +1,23 @@
+"""What rounding can be told from: the three tolerances that everything about events is measured by."""
+
+import jax.numpy as jnp
+
+
+def closeness(dtype) -> float:
+    """Relative size below which a guard or a rate counts as zero: eps^(2/3), 4e-11 in float64."""
+    return float(jnp.finfo(dtype).eps) ** (2 / 3)
+
+
+def rounding(dtype) -> float:
+    """Relative size of what evaluating a guard leaves: 8 eps."""
+    return 8 * float(jnp.finfo(dtype).eps)
+
+
+def time_resolution(t, relaxation):
+    """How exactly an event can be placed in time: 4 units in the last place, times 4^relaxation.
+
+    The landing relaxes it with every cut, so that it ends also where rounding in the guard is worse than in time."""
+    spacing = jnp.finfo(t.dtype).eps * jnp.abs(t) + jnp.finfo(t.dtype).tiny
+    if isinstance(relaxation, int):
+        return 4.0 ** (1 + relaxation) * spacing
+    return 4 * spacing * jnp.left_shift(1, 2 * jnp.minimum(relaxation, 12)).astype(t.dtype)

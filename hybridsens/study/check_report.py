@@ -1,0 +1,38 @@
+"""A gradient check as text."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .check_events import EventCheck
+    from .check_gradient import GradientCheck, ParameterCheck
+
+
+def format_check(check: "GradientCheck") -> str:
+    """One line for each parameter and for each event, and a last line that sums up."""
+    width = max(len(entry.parameter) for entry in check.parameters) + 2
+    lines = [f"{'gradient by':{width}}{'adjoint':>18}{'forward':>18}{'differences':>18}{'+-':>9}"]
+    lines += [_parameter_line(entry, width) for entry in check.parameters]
+    lines += ["", f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>8}{'closing speed':>14}{'determinant':>13}{'expected':>13}"]
+    lines += [_event_line(entry) for entry in check.events]
+    wrong = [entry.parameter for entry in check.parameters if entry.verdict]
+    events = [_events(entry) for entry in check.events if entry.verdict]
+    if check.ok:
+        return "\n".join([*lines, "", "All agree."])
+    return "\n".join([*lines, "", f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}."])
+
+
+def _parameter_line(entry: "ParameterCheck", width: int) -> str:
+    numbers = f"{entry.adjoint:>18.10g}{entry.forward:>18.10g}{entry.differences:>18.10g}{entry.uncertainty:>9.1e}"
+    return f"{entry.parameter:{width}}{numbers}  {entry.verdict}".rstrip()
+
+
+def _event_line(entry: "EventCheck") -> str:
+    return (
+        f"{_events(entry):>7}{entry.time:>13.6f}{entry.kind.name.lower():>9}{entry.contact:>8}{entry.closing_speed:>14.4g}"
+        f"{entry.determinant:>13.6g}{entry.expected:>13.6g}  {entry.verdict}"
+    ).rstrip()
+
+
+def _events(entry: "EventCheck") -> str:
+    first, last = entry.events[0], entry.events[-1]
+    return f"{entry.motion}:{first}" + (f"-{last}" if last > first else "")

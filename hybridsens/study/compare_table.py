@@ -1,0 +1,70 @@
+"""A comparison as text and as CSV."""
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .compare import Comparison, Row
+
+COLUMNS = ("value", "value_error", "gradient_error", "forward_seconds", "gradient_seconds", "compile_seconds", "peak_memory")
+GRADIENTS_BESIDE = 5
+"""How many gradients stand beside each other."""
+
+
+def format_comparison(comparison: "Comparison") -> str:
+    """Two tables of plain text: the methods with their errors and costs, and the entries of their gradients."""
+    reference = comparison.reference
+    head = f"{'':36}{'value':>14}{'value err':>11}{'gradient err':>13}{'forward':>11}{'gradient':>11}{'compile':>9}{'memory':>10}"
+    lines = [head, f"{'    reference':36}{reference.value:>14.9g}"]
+    lines += [_method_line(number, row) for number, row in enumerate(comparison.rows, 1)]
+    if comparison.interrupted:
+        lines.append("    (interrupted: the remaining methods were not run)")
+    return "\n".join([*lines, "", *_gradient_lines(comparison)])
+
+
+def _method_line(number: int, row: "Row") -> str:
+    name = f"{number:>2}  {row.method}"
+    if row.failure:
+        return f"{name:36}  failed: {row.failure}"
+    memory = "" if np.isnan(row.peak_memory) else _bytes(row.peak_memory)
+    return (
+        f"{name:36}{row.value:>14.9g}{row.value_error:>11.1e}{row.gradient_error:>13.1e}"
+        f"{_time(row.forward_seconds):>11}{_time(row.gradient_seconds):>11}{row.compile_seconds:>7.1f} s{memory:>10}"
+    )
+
+
+def _gradient_lines(comparison: "Comparison"):
+    """Gradient by parameter, a few methods beside each other."""
+    numbered = [(number, row) for number, row in enumerate(comparison.rows, 1) if row.gradient is not None]
+    width = max(len(name) for name in comparison.parameters) + 2
+    for start in range(0, max(len(numbered), 1), GRADIENTS_BESIDE):
+        shown = numbered[start : start + GRADIENTS_BESIDE]
+        yield f"{'gradient by':{width}}{'reference':>16}" + "".join(f"{f'({number})':>16}" for number, _ in shown)
+        for i, name in enumerate(comparison.parameters):
+            entries = [comparison.reference.gradient, *(row.gradient for _, row in shown)]
+            yield f"{name:{width}}" + "".join(f"{entry[i]:>16.9g}" for entry in entries)
+
+
+def write_csv(comparison: "Comparison", path: str | Path) -> None:
+    """One line for each method, the reference first."""
+    with open(path, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["method", *COLUMNS, *(f"d/d {name}" for name in comparison.parameters), "failure"])
+        reference = comparison.reference
+        writer.writerow(["reference", reference.value, *[""] * (len(COLUMNS) - 1), *reference.gradient, ""])
+        for row in comparison.rows:
+            gradient = [""] * len(comparison.parameters) if row.gradient is None else row.gradient
+            writer.writerow([row.method, *(getattr(row, column) for column in COLUMNS), *gradient, row.failure])
+
+
+def _time(seconds: float) -> str:
+    scale, unit = (1e6, "us") if seconds < 1e-3 else (1e3, "ms") if seconds < 1 else (1, "s ")
+    return f"{scale * seconds:.3g} {unit}"
+
+
+def _bytes(count: float) -> str:
+    scale, unit = (1e3, "kB") if count < 1e6 else (1e6, "MB") if count < 1e9 else (1e9, "GB")
+    return f"{count / scale:.3g} {unit}"

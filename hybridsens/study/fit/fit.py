@@ -1,0 +1,166 @@
+"""The front door: a scene and measurements in, parameters with their uncertainty out."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import diffrax
+import jax.numpy as jnp
+import numpy as np
+
+from ...mechanics.scene import AbstractScene, State
+from . import prepare
+from .assemble import assemble
+from .data import Measurements
+from .descend import ENDED_BY_HAND, Descent, GuessFailed, Iteration, descend
+from .horizon import GrowingHorizon
+from .optimizers import Method, method
+from .parameters import Bounds, select
+from .problem import Numerics, Problem
+from .result import FitResult
+from .shooting import MultipleShooting
+from .starts import Starts, descend_from_all, spread_starts
+from .tables import read_measurements
+
+
+def fit(
+    scene: AbstractScene,
+    data: Any,
+    *,
+    parameters: Sequence[str] | None = None,
+    observe: Callable[..., Any] | None = None,
+    state: State | Callable[..., State] | None = None,
+    bounds: Bounds | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    robust: float | None = None,
+    t0: float = 0.0,
+    t1: float | None = None,
+    optimizer: Any = "levenberg-marquardt",
+    strategy: GrowingHorizon | MultipleShooting | None = None,
+    starts: int = 1,
+    spread: float = 0.3,
+    seed: int = 0,
+    max_iterations: int = 100,
+    patience: int = 20,
+    progress: bool = False,
+    callback: Callable[[Iteration], Any] | None = None,
+    resume: FitResult | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-8,
+    max_events: int = 256,
+    max_steps: int = 4096,
+) -> FitResult:
+    """Parameters of a scene from measurements of its motion, by least squares on exact derivatives.
+
+        minimise  sum ((observe - measured) / sigma)^2 + sum ((event time - measured) / sigma)^2 + priors
+
+    The loss is smooth as long as the events keep their sequence; where a step changes it, the history says so. A trial
+    point whose motion fails, or whose residuals or derivatives are not finite, is never taken.
+
+    Arguments:
+
+    - `scene`: the model; its present parameters are the guess.
+    - `data`: a CSV file, a pandas or xarray table, a mapping, (times, values), or `Measurements`; see `read_measurements`.
+    - `parameters`: names of the fields that are fitted ("stiffness", "arm.length"); default all.
+    - `observe`: `observe(scene, t, q, v)` -> (observation,), or a mapping of column names to scalars; default: columns
+      are named after the state, q0, v0, ...
+    - `state`: initial state, or a function of the scene that returns it; default `scene.initial_state()`.
+    - `bounds`: name -> "positive" or (lo, hi), None for an open end; kept by a transformation of the parameter.
+    - `priors`: name -> (mean, sigma).
+    - `robust`: residuals beyond so many sigmas (the data's unit, if no sigmas are given) count linearly, for data with outliers; None: all count squared.
+    - `t0`, `t1`: horizon [s]; t1 is the last measured time by default.
+    - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an
+      Optimistix Gauss-Newton solver, or any Optax optimizer.
+    - `strategy`: `GrowingHorizon()` or `MultipleShooting()` for long or chaotic motions.
+    - `starts`, `spread`, `seed`: descend from so many points within +-spread (relatively) of the guess, in one compiled
+      run, and go on from the best.
+    - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
+    - `progress`, `callback`: print a line for every iteration; call `callback(iteration)`, which stops by returning True.
+    - `resume`: an earlier result of the same fit to go on from. Interrupting (Ctrl-C) returns the best point so far.
+    - `solver`, `rtol`, `atol`, `max_events`, `max_steps`: as in `simulate`.
+
+    Raises: ValueError for measurements, names, bounds or priors that do not fit; for a guess whose motion fails.
+    """
+    if max_iterations < 1 or patience < 1:
+        raise ValueError(f"`max_iterations` and `patience` must be >= 1, but are {max_iterations} and {patience}.")
+    if robust is not None and not robust > 0:
+        raise ValueError(f"`robust` must be positive or None, but is {robust}.")
+    measured = read_measurements(data)
+    numerics = Numerics(rtol, atol, max_events, max_steps, solver)
+    problem = _problem(scene, measured, parameters, observe, state, bounds, priors, robust, t0, t1, numerics)
+    how = method(optimizer)
+    guess = problem.selection.from_values(problem.selection.values(problem.scene))
+    z = guess if resume is None else problem.selection.from_values(_resumed(resume, problem))
+    several = None
+    if starts > 1:
+        several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), strategy, max_iterations)
+        strategy = None if isinstance(strategy, GrowingHorizon) else strategy
+    told = _callback(progress, callback)
+    stages, z = _through_stages(how, problem, z, strategy, told)
+    carry = None if resume is None else resume.carry
+    cut_short = stages[-1].stopped if stages and stages[-1].stopped in ENDED_BY_HAND else ""
+    room = 0 if cut_short else max_iterations
+    last = descend(how, problem, z, max_iterations=room, patience=patience, callback=told, carry=carry)
+    last = last._replace(stopped=cut_short or last.stopped)
+    return assemble(problem, measured, guess, [*stages, last], several)
+
+
+def _problem(scene, measured: Measurements, parameters, observe, state, bounds, priors, robust, t0, t1, numerics) -> Problem:
+    scene = prepare.concrete(scene)
+    initial_state = prepare.initial_state(scene, state)
+    selection = select(scene, parameters, bounds)
+    end = prepare.horizon(measured, t0, t1)
+    observer = prepare.observer(observe, scene, initial_state(scene), measured.names)
+    return Problem(
+        scene, selection, initial_state, observer, prepare.observations(measured), prepare.prior(selection, priors),
+        jnp.asarray(float(t0)), jnp.asarray(end), jnp.asarray(prepare.sigma_unit(measured)), robust, numerics,
+    )  # fmt: skip
+
+
+def _resumed(resume: FitResult, problem: Problem) -> np.ndarray:
+    if resume.labels != problem.selection.labels:
+        raise ValueError(
+            f"`resume` must be a fit of the same parameters {problem.selection.labels}, but is of {resume.labels}."
+        )
+    return resume.values
+
+
+def _from_many(how: Method, problem: Problem, zs, strategy, max_iterations: int) -> tuple[Starts, Any]:
+    growth = strategy if isinstance(strategy, GrowingHorizon) else None
+    several = descend_from_all(how, problem, zs, growth, max_iterations)
+    if not bool(jnp.any(jnp.isfinite(several.loss))):
+        raise GuessFailed(f"At least one of the {zs.shape[0]} starts must have a motion that reaches its end, but none has.")
+    return several, several.z[jnp.argmin(several.loss)]
+
+
+def _through_stages(how: Method, problem: Problem, z, strategy, told) -> tuple[list[Descent], Any]:
+    """Every stage of a horizon strategy; one whose start fails is left out."""
+    if strategy is None:
+        return [], z
+    if isinstance(strategy, MultipleShooting):
+        return strategy.run(how, problem, z, told)
+    done: list[Descent] = []
+    for name, stage in strategy.stages(problem, z):
+        at = done[-1].z if done else z
+        try:
+            done.append(descend(how, stage, at, max_iterations=strategy.iterations, patience=strategy.iterations, stage=name,
+                                callback=told))  # fmt: skip
+        except GuessFailed:
+            done = done[:-1]
+            continue
+        if done[-1].stopped in ENDED_BY_HAND:
+            break
+    return done, (done[-1].z if done else z)
+
+
+def _callback(progress: bool, callback: Callable[[Iteration], Any] | None) -> Callable[[Iteration], Any] | None:
+    if not progress:
+        return callback
+
+    def show(line: Iteration):
+        note = line.failure or ("sequence changed" if line.sequence_changed else "" if line.accepted else "rejected")
+        print(f"{line.stage:>14} {line.number:>4}  loss {line.loss:<12.6g} |grad| {line.gradient_norm:<10.3g} "
+              f"events {line.events:<4} {note}", flush=True)  # fmt: skip
+        return callback(line) if callback is not None else None
+
+    return show

@@ -1,0 +1,62 @@
+"""A fit in pictures."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .result import FitResult
+
+
+def plot_fit(result: "FitResult") -> Any:
+    """A Matplotlib figure: data and fit with the events marked, residuals, and the loss at every iteration.
+
+    Raises: ImportError, saying what to install, if Matplotlib is missing.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("Plots need Matplotlib: pip install 'hybridsens[plot]'.") from error
+    figure = Figure(figsize=(8, 9), layout="constrained")
+    above, middle, below = figure.subplots(3, 1)
+    _plot_data(above, result)
+    _plot_residuals(middle, result)
+    _plot_convergence(below, result)
+    return figure
+
+
+def _plot_data(axes: Any, result: "FitResult") -> None:
+    data = result.data
+    for i, name in enumerate(data.names):
+        line = axes.plot(data.times, data.values[:, i] + result.residuals[:, i], label=f"{name}, fit")[0]
+        axes.plot(data.times, data.values[:, i], ".", color=line.get_color(), alpha=0.5, label=f"{name}, measured")
+    _mark_events(axes, result)
+    axes.set(xlabel="t [s]", title="data and fit; dashed lines are events")
+    if data.names:
+        axes.legend()
+
+
+def _plot_residuals(axes: Any, result: "FitResult") -> None:
+    for i, name in enumerate(result.data.names):
+        axes.plot(result.data.times, result.residuals[:, i], ".", label=name)
+    if result.event_residuals.size:
+        axes.plot(result.data.event_times, result.event_residuals, "x", label="event times")
+    axes.axhline(0, color="black", linewidth=0.8)
+    _mark_events(axes, result)
+    axes.set(xlabel="t [s]", title="residuals (model - measurement)")
+
+
+def _plot_convergence(axes: Any, result: "FitResult") -> None:
+    loss = np.array([line.loss for line in result.history])
+    axes.semilogy(np.arange(loss.size), loss, ".-")
+    changed = [i for i, line in enumerate(result.history) if line.sequence_changed]
+    axes.semilogy(changed, loss[changed], "o", fillstyle="none", label="event sequence changed")
+    axes.set(xlabel="iteration", title="loss")
+    if changed:
+        axes.legend()
+
+
+def _mark_events(axes: Any, result: "FitResult") -> None:
+    events = result.trajectory.events
+    for time in np.asarray(events.time)[: int(events.count)]:
+        axes.axvline(time, color="gray", linestyle="--", linewidth=0.8)

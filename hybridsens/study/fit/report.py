@@ -1,0 +1,69 @@
+"""A fit in words."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from .descend import Sequence
+from .result import FitResult
+
+
+def report(result: FitResult) -> str:
+    """What `print(result)` shows."""
+    return "\n".join([*_head(result), "", *_parameters(result), "", *_events(result), *_directions(result)])
+
+
+def _head(result: FitResult) -> Iterator[str]:
+    yield (
+        f"fit {result.stopped} after {result.iterations} iterations: loss {result.history[0].loss:.6g} -> "
+        f"{result.loss:.6g}, gradient norm {result.history[-1].gradient_norm:.3g}"
+    )
+    known = int(np.sum(np.isfinite(result.residuals)))
+    yield f"{known} observations, {result.event_residuals.size} event times; residual spread {result.uncertainty.noise:.4g}"
+    if result.failures:
+        last = next(line.failure for line in reversed(result.history) if line.failure)
+        yield f"{result.failures} trial points failed and were rejected; the last because {last}"
+    if result.starts is not None:
+        loss = np.asarray(result.starts.loss)
+        near = int(np.sum(loss <= 1.01 * loss.min()))
+        yield f"{loss.size} starts: {near} ended within 1 % of the best loss, {int(np.sum(np.isinf(loss)))} failed"
+
+
+def _parameters(result: FitResult) -> Iterator[str]:
+    width = max(12, *map(len, result.labels))
+    yield f"{'parameter':<{width}} {'guess':>12} {'value':>12} {'std error':>12} {'95 % interval':>28}"
+    intervals, errors = result.intervals(), result.standard_errors
+    for label, guess, value in zip(result.labels, result.guess, result.values, strict=True):
+        low, high = intervals[label]
+        interval = f"[{low:.6g}, {high:.6g}]"
+        yield f"{label:<{width}} {guess:>12.6g} {value:>12.6g} {errors[label]:>12.3g} {interval:>28}"
+
+
+def _events(result: FitResult) -> Iterator[str]:
+    start, end = result.sequence_start, result.sequence_end
+    yield f"events at the guess: {_sequence(start)}"
+    yield f"events at the end:   {'the same' if start == end else _sequence(end)}"
+    if result.sequence_changes:
+        yield f"the event sequence changed at {result.sequence_changes} accepted steps: the loss is only piecewise smooth"
+
+
+def _directions(result: FitResult) -> Iterator[str]:
+    for direction in result.uncertainty.null_directions:
+        yield f"not determined by the data (relative change): {_direction(direction)}"
+    for error, direction in result.weak_directions():
+        yield f"hardly determined (standard error {error:.2g} of relative change): {_direction(direction)}"
+    pairs = np.argwhere(np.triu(np.abs(np.nan_to_num(result.correlation)) > 0.95, 1))
+    for i, j in pairs:
+        yield f"strongly correlated: {result.labels[i]} and {result.labels[j]} ({result.correlation[i, j]:+.3f})"
+
+
+def _direction(direction: dict[str, float]) -> str:
+    shares = sorted(direction.items(), key=lambda item: -abs(item[1]))
+    return ", ".join(f"{label} {share:+.2f}" for label, share in shares if abs(share) > 0.05)
+
+
+def _sequence(sequence: Sequence) -> str:
+    if not sequence:
+        return "none"
+    shown = ", ".join(f"{kind} {contact}" for kind, contact in sequence[:8])
+    return f"{len(sequence)} ({shown}{', ...' if len(sequence) > 8 else ''})"

@@ -1,0 +1,91 @@
+"""What a fit knows: covariance, intervals, correlations, and the directions that the data do not determine."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+_NULL = 1e-7
+
+
+class Uncertainty(NamedTuple):
+    """First-order uncertainty of the fitted parameters p around the minimum."""
+
+    covariance: Float[np.ndarray, "parameter parameter"]
+    """(J^T J / s^2 + priors)^-1; inf on the diagonal of a parameter that takes part in a null direction."""
+    standard_errors: Float[np.ndarray, "parameter"]
+    correlation: Float[np.ndarray, "parameter parameter"]
+    """nan where a standard error is not finite."""
+    noise: float
+    """s: standard deviation of the residuals, in sigmas; in the data's unit where no sigmas were given."""
+    quantile_freedom: float
+    """Degrees of freedom of Student's t for intervals; inf (a normal distribution) where sigmas were given."""
+    null_directions: list[dict[str, float]]
+    """Directions along which the data say nothing, label -> relative share; see `null_directions`."""
+
+
+def uncertainty(
+    labels: Sequence[str], values, residuals, jacobian, prior_weight, *, sigmas_given: bool, robust: float | None
+) -> Uncertainty:
+    """Uncertainty from plain data residuals r (in sigmas) and their Jacobian J = dr/dp.
+
+    With known sigmas s = 1, otherwise s^2 = sum psi(r)^2 / (n - p) / mean(psi')^2, where psi(r) = r, or
+    r / sqrt(1 + (r/c)^2) for a robust fit (Huber's covariance of an M-estimator, also used with known sigmas then).
+    """
+    r, J, p = np.asarray(residuals), np.asarray(jacobian), np.asarray(values)
+    weight = 1.0 if robust is None else (1 + (r / robust) ** 2) ** -0.5
+    freedom = max(r.size - p.size, 1)
+    variance = np.sum((r * weight) ** 2) / freedom / np.mean(weight**3) ** 2
+    noise = float(np.sqrt(variance))
+    used = 1.0 if sigmas_given and robust is None else variance
+    rows = np.vstack([J / np.sqrt(used if used > 0 else 1.0), np.diag(prior_weight)])
+    size = np.where(p == 0, 1.0, np.abs(p))
+    covariance, null = _inverse(rows * size)
+    covariance = covariance * np.outer(size, size) if used > 0 else covariance * 0
+    errors = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = covariance / np.outer(errors, errors)
+    named = [dict(zip(labels, (float(x) for x in direction), strict=True)) for direction in null]
+    return Uncertainty(covariance, errors, correlation, noise, np.inf if sigmas_given else freedom, named)
+
+
+def _inverse(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(rows^T rows)^-1, with inf for what takes part in a null direction, and those directions."""
+    _, s, vt = np.linalg.svd(rows, full_matrices=False)
+    null = s <= _NULL * s[0]
+    inverse = (vt[~null].T / s[~null] ** 2) @ vt[~null]
+    touched = np.any(np.abs(vt[null]) > 1e-3, axis=0) if null.any() else np.zeros(rows.shape[1], bool)
+    inverse[np.diag_indices_from(inverse)] += np.where(touched, np.inf, 0)
+    return inverse, vt[null]
+
+
+def weak_directions(
+    labels: Sequence[str], values, covariance, limit: float = 0.5
+) -> list[tuple[float, dict[str, float]]]:
+    """Directions of relative change with a standard error above `limit`: (error, label -> share), worst first.
+
+    A standard error of 0.5 says that along this direction the parameters may change by half without being noticed.
+    """
+    size = np.where(np.asarray(values) == 0, 1.0, np.abs(np.asarray(values)))
+    relative = np.asarray(covariance) / np.outer(size, size)
+    known = np.isfinite(np.diag(relative))
+    variances, directions = np.linalg.eigh(relative[np.ix_(known, known)])
+    names = [label for label, keep in zip(labels, known, strict=True) if keep]
+    return [
+        (float(np.sqrt(variance)), dict(zip(names, (float(x) for x in direction), strict=True)))
+        for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True)
+        if variance > limit**2
+    ]
+
+
+def half_width(error, level: float, freedom: float):
+    """Half the width of a confidence interval of this level.
+
+    Raises: ValueError for a level outside (0, 1).
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"`level` must lie inside (0, 1), but is {level}.")
+    quantile = stats.norm.ppf if np.isinf(freedom) else lambda p: stats.t.ppf(p, freedom)
+    return error * quantile((1 + level) / 2)

@@ -1,0 +1,75 @@
+"""The functional whose gradient is studied, as a function of one vector, with what its motions report."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..forward.status import Status
+from ..scenes import ShippedScene
+from ..trajectory import SimulationError, Trajectory
+from .flat_parameters import FlatParameters
+
+Cost = Callable[..., Any]
+"""cost(scene, simulate) -> scalar. `simulate` stands for `hybridsens.simulate` with the settings of the method under study
+bound: the cost passes it the scene, the state, the horizon and what it wants back, but no settings."""
+
+
+class Reported(NamedTuple):
+    """What is kept of each call of `simulate` beside the cost."""
+
+    status: tuple[Status, ...]
+    count: tuple[Int[Array, ""], ...]
+    """Number of events."""
+
+
+def running_cost_functional(scene, simulate):
+    """J = int running_cost dt over the horizon of a ready-made scene: the cost where none is given."""
+    motion = simulate(
+        scene, scene.initial_state(), t1=scene.t1, running_cost=lambda scene, t, q, v: scene.running_cost(t, q, v)
+    )
+    return motion.cost
+
+
+def choose_cost(scene, cost: Cost | None) -> Cost:
+    """The cost given, or a ready-made scene's own. Raises: TypeError where there is neither."""
+    if cost is not None:
+        return cost
+    if not isinstance(scene, ShippedScene):
+        raise TypeError(f"`cost` must be given for a {type(scene).__name__}: cost(scene, simulate) -> scalar.")
+    return running_cost_functional
+
+
+def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Callable:
+    """vector -> (J, Reported). Motions are asked not to raise by themselves; see `raise_unless_successful`.
+
+    Raises: TypeError when traced if the cost is not a real scalar.
+    """
+
+    def value(vector: Float[Array, "parameter"]):
+        motions = []
+
+        def recording(*arguments, **settings):
+            motions.append(simulate(*arguments, **settings))
+            return motions[-1]
+
+        J = jnp.asarray(cost(parameters.rebuild(vector), recording))
+        if J.shape != () or not jnp.issubdtype(J.dtype, jnp.floating):
+            raise TypeError(f"`cost` must return a real scalar, but returns {J.dtype} of shape {J.shape}.")
+        known = [motion for motion in motions if isinstance(motion, Trajectory)]
+        return J, Reported(tuple(m.status for m in known), tuple(m.events.count for m in known))
+
+    return value
+
+
+def all_successful(reported: Reported) -> bool:
+    """Whether every motion of ours reached its end."""
+    return all(bool(status == Status.successful) for status in reported.status)
+
+
+def raise_unless_successful(reported: Reported) -> None:
+    """Raise SimulationError if a motion of ours did not reach its end."""
+    for status in reported.status:
+        if status != Status.successful:
+            raise SimulationError(Status[status])

@@ -1,0 +1,41 @@
+"""How long a compiled function takes, how long it takes to compile, and how much memory it needs."""
+
+import statistics
+import time
+from collections.abc import Callable
+
+import jax
+
+
+def seconds_per_call(call: Callable, *, repeats: int = 5, shortest: float = 0.01) -> float:
+    """Median over `repeats` of the time of one call, each repeat lasting at least `shortest` seconds."""
+    start = time.perf_counter()
+    jax.block_until_ready(call())
+    calls = max(1, int(shortest / (time.perf_counter() - start)))
+    samples = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        for _ in range(calls):
+            jax.block_until_ready(call())
+        samples.append((time.perf_counter() - start) / calls)
+    return statistics.median(samples)
+
+
+def first_call(call: Callable):
+    """The result of a first call, and how long it took: tracing, compiling and running once [s]."""
+    start = time.perf_counter()
+    result = jax.block_until_ready(call())
+    return result, time.perf_counter() - start
+
+
+def planned_memory(function, *arguments) -> int | None:
+    """Peak memory [bytes] of a compiled function by the compiler's own plan: arguments, results and temporaries.
+
+    None for a function that is not compiled as a whole, or where the backend does not say.
+    """
+    if not hasattr(function, "lower"):
+        return None
+    plan = function.lower(*arguments).compile().memory_analysis()
+    if plan is None:
+        return None
+    return plan.argument_size_in_bytes + plan.output_size_in_bytes + plan.temp_size_in_bytes

@@ -1,0 +1,111 @@
+"""Pictures of a sweep: maps over two parameters, and the bifurcation diagram over one."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .dataset import gradients
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def plot_sweep(dataset: "xr.Dataset") -> "Figure":
+    """Maps of J, of |dJ/dp| for both varied parameters, and of the number of events, over a grid of two parameters.
+
+    Lines separate regions with different sequences of events: J has a kink or a jump there. Failed points are blank.
+    Raises: ValueError unless the points are a grid of two parameters (choose with `dataset.sel` or `.isel`).
+    """
+    from matplotlib.figure import Figure
+
+    dims = dataset.J.dims
+    if len(dims) != 2 or any(dim not in dataset.coords for dim in dims):
+        raise ValueError(f"A map must have a grid of two parameters, but the points have the dimensions {dims}.")
+    maps = {"J": dataset.J}
+    derivatives = gradients(dataset)
+    maps |= {f"|dJ/d {dim}|": abs(derivatives[dim]) for dim in map(str, dims) if dim in derivatives}
+    if "event_count" in dataset:
+        maps["events"] = dataset.event_count.where(dataset.status == 0)
+    figure = Figure(figsize=(4.2 * len(maps), 3.8), layout="constrained")
+    for axes, (title, values) in zip(np.ravel(figure.subplots(1, len(maps), sharey=True)), maps.items(), strict=True):
+        draw_map(axes, values, logarithmic=title.startswith("|"))
+        axes.set_title(title, fontsize="medium")
+        if "event_sequence" in dataset:
+            draw_borders(axes, dataset.event_sequence)
+    return figure
+
+
+def draw_map(axes: "Axes", values: "xr.DataArray", logarithmic: bool = False) -> None:
+    """A coloured map of (x, y) values with its colour bar."""
+    from matplotlib.colors import LogNorm
+
+    x, y = (str(dim) for dim in values.dims)
+    positive = np.any(values.values > 0)
+    edges = _edges(values[x].values), _edges(values[y].values)
+    drawn = np.ma.masked_invalid(values.values.T.astype(float))
+    mesh = axes.pcolormesh(*edges, drawn, norm=LogNorm() if logarithmic and positive else None, rasterized=True)
+    axes.figure.colorbar(mesh, ax=axes)
+    axes.set_xlabel(_label(values[x]))
+    axes.set_ylabel(_label(values[y]))
+
+
+def draw_borders(axes: "Axes", sequence: "xr.DataArray") -> None:
+    """Lines between neighbouring points whose motions have different sequences of events."""
+    from matplotlib.collections import LineCollection
+
+    x, y = (_edges(sequence[dim].values) for dim in sequence.dims)
+    lines = border_lines(x, y, sequence.values)
+    axes.add_collection(LineCollection(lines, colors="white", linewidths=0.8), autolim=False)
+
+
+def border_lines(x: np.ndarray, y: np.ndarray, sequence: np.ndarray) -> list:
+    """Sides ((x, y), (x, y)) of the cells [x[i], x[i+1]] x [y[j], y[j+1]] across which `sequence` (i, j) changes."""
+    upright = [[(x[i + 1], y[j]), (x[i + 1], y[j + 1])] for i, j in np.argwhere(sequence[1:] != sequence[:-1])]
+    level = [[(x[i], y[j + 1]), (x[i + 1], y[j + 1])] for i, j in np.argwhere(sequence[:, 1:] != sequence[:, :-1])]
+    return upright + level
+
+
+def plot_bifurcation(
+    dataset: "xr.Dataset", state: str = "q", component: int = 0, axes: "Axes | None" = None
+) -> "Figure":
+    """Bifurcation diagram: a state at each of the times asked for, over one parameter.
+
+    Arguments: a sweep over one parameter with `states=True`, at times one period of the forcing apart, after the motion
+    has settled; the state "q" or "v" and its component. Raises ValueError if the Dataset is not of that kind.
+    """
+    from matplotlib.figure import Figure
+
+    if state not in dataset:
+        raise ValueError(
+            f"A bifurcation diagram must have the states {state!r}, but the sweep kept none: use states=True."
+        )
+    values = dataset[state].isel(dof=component)
+    if values.ndim != 2:
+        raise ValueError(
+            f"A bifurcation diagram must have one parameter, but the points have the dimensions {values.dims[:-1]}."
+        )
+    (parameter,) = (dim for dim in values.dims if dim != "sample")
+    if axes is None:
+        axes = Figure(figsize=(7, 4), layout="constrained").subplots()
+    x = np.repeat(dataset[parameter].values, values.sizes["sample"])
+    axes.plot(
+        x, values.transpose(parameter, "sample").values.ravel(), ",k" if x.size > 20_000 else ".k", markersize=1.5
+    )
+    axes.set_xlabel(_label(dataset[parameter]))
+    axes.set_ylabel(f"{state}[{component}] once a period")
+    return axes.figure  # pyright: ignore[reportReturnType]
+
+
+def _edges(centres: np.ndarray) -> np.ndarray:
+    """Borders of the cells around grid points: halfway between them."""
+    if centres.size == 1:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
+
+
+def _label(coordinate) -> str:
+    units = coordinate.attrs.get("units")
+    return f"{coordinate.name} [{units}]" if units else str(coordinate.name)

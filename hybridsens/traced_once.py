@@ -1,0 +1,40 @@
+"""A hybrid system whose functions are traced once and then looked up: tracing is a third of the time to compile."""
+
+import equinox as eqx
+
+from .hybrid import AbstractHybridSystem
+
+
+class TracedOnce(AbstractHybridSystem):
+    """The same system behind `jax.jit`, which keeps what it has traced and how it is differentiated."""
+
+    system: AbstractHybridSystem
+
+    def flow(self, t, x, mode):
+        return _flow(self.system, t, x, mode)
+
+    def guards(self, t, x, mode):
+        return _guards(self.system, t, x, mode)
+
+    def guards_and_rates(self, t, x, mode):
+        return _guards_and_rates(self.system, t, x, mode)
+
+    def project(self, t, x, mode):
+        return _project(self.system, t, x, mode)
+
+    def scales(self, t, x, mode):
+        return self.system.scales(t, x, mode)
+
+    def decide(self, event, t, x, mode):
+        return _decide(self.system, event, t, x, mode)
+
+    def reset(self, decision, t, x):
+        return _reset(self.system, decision, t, x)
+
+
+_flow = eqx.filter_jit(lambda system, t, x, mode: system.flow(t, x, mode))
+_guards = eqx.filter_jit(lambda system, t, x, mode: system.guards(t, x, mode))
+_guards_and_rates = eqx.filter_jit(lambda system, t, x, mode: system.guards_and_rates(t, x, mode))
+_project = eqx.filter_jit(lambda system, t, x, mode: system.project(t, x, mode))
+_decide = eqx.filter_jit(lambda system, event, t, x, mode: system.decide(event, t, x, mode))
+_reset = eqx.filter_jit(lambda system, decision, t, x: system.reset(decision, t, x))
