@@ -25,23 +25,21 @@ def _print_version(wanted: bool) -> bool:
     return wanted
 
 
-@app.callback(invoke_without_command=True)
+@app.callback()
 def _hybridsens(
-    context: typer.Context,
     show_version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Hybrid mechanical motions and their exact gradients."""
     del show_version
-    if context.invoked_subcommand is None:
-        print(context.get_help())
 
 
 def run(arguments: list[str] | None = None) -> int:
     """Run a command line; an error that the user can mend is one line on the error stream. Returns the exit status."""
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        return app(arguments, standalone_mode=False) or 0
+        return app(arguments or ["--help"], prog_name="hybridsens", standalone_mode=False) or 0
     except (typer.TyperException, SimulationError, ValueError, OSError) as error:
         message = getattr(error, "format_message", error.__str__)()
         print(f"hybridsens: {' '.join(message.split())}", file=sys.stderr)

@@ -46,6 +46,28 @@ def _falling_root(g0, d0, g1, d1, noise):
     return jnp.where(near_miss, minimum, root)
 
 
+def hides_a_dip(
+    g0: Float[Array, "guard"],
+    d0: Float[Array, "guard"],
+    g1: Float[Array, "guard"],
+    d1: Float[Array, "guard"],
+    noise: Float[Array, "guard"],
+) -> Array:
+    """Whether a step is so long for one of its guards that the cubic could be missing a dip below zero.
+
+    The error control knows nothing of a guard that depends on time (free flight over a shaking table is exact at any
+    step). What a guard's third derivative does over the step, |g1 - g0 - (d0 + d1) / 2|, must stay below the cubic itself.
+    """
+    bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
+    a, b = 3 * (g1 - g0) - 2 * d0 - d1, d0 + d1 - 2 * (g1 - g0)
+    inside = [g0 + s * (d0 + s * (a + s * b)) for s in (0.25, 0.5, 0.75)]
+    lowest = jnp.minimum(jnp.minimum(inside[0], inside[1]), inside[2])
+    rounded = rounding(g0.dtype) * (jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1)) + noise
+    # A guard that is just being left is small at first for a good reason: only its end can be compared.
+    clearance = jnp.where(g0 <= rounded, g1, lowest / 2)
+    return jnp.any((bend > clearance) & (bend > rounded))
+
+
 def _stationary_points(a, b, d0):
     """The local minimum and maximum of the cubic, each in the form that does not cancel; nan where there is none."""
     root = jnp.sqrt(a * a - 3 * b * d0)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..precision import closeness, rounding, time_resolution
-from .cubic import first_falling_root
+from .cubic import first_falling_root, hides_a_dip
 from .record import StepRecord
 
 
@@ -108,8 +108,10 @@ class LandingController(diffrax.AbstractStepSizeController):
         unresolved = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
         t_root = t0 + jnp.min(jnp.where(on_guard | unresolved, jnp.inf, root), initial=jnp.inf) * h
         crossed = t_root < self.end - time_resolution(t1, 3)
+        long = h > time_resolution(t0, 8)
+        doubtful = ~crossed & long & hides_a_dip(state.guard, state.rate * h, end, rate * h, self.start.rounding)
         cut = accurate & crossed
-        keep = accurate & ~crossed
+        keep = accurate & ~crossed & ~doubtful
         landed = keep & jnp.any(on_guard)
 
         # A step that was cut and fell short of the guard is kept, and the next one aims at the guard by its rate.
@@ -117,11 +119,12 @@ class LandingController(diffrax.AbstractStepSizeController):
         short = keep & (state.cuts > 0) & (to_go < 0.1 * h)
         next_t1 = jnp.where(short, t1 + to_go, next_t1)
         next_t1 = jnp.where(cut, jnp.maximum(t_root, t0 + time_resolution(t0, 0)), next_t1)
+        next_t1 = jnp.where(accurate & doubtful, t0 + h / 2, next_t1)
         next_t0 = jnp.where(keep, t1, t0)
 
         error_control_step = jnp.where(accurate, jnp.where(cut, h, next_t1 - next_t0), state.free_step)
         new = LandingState(
-            inner=jax.tree.map(lambda new, old: jnp.where(cut, old, new), inner, state.inner),
+            inner=jax.tree.map(lambda new, old: jnp.where(accurate & ~keep, old, new), inner, state.inner),
             record=state.record.append(t1, y1_candidate, keep),
             guard=jnp.where(keep, jnp.maximum(guard, 0), state.guard),
             rate=jnp.where(keep, rate, state.rate),

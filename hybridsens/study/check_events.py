@@ -58,7 +58,8 @@ class Piece(NamedTuple):
 
 def check_events(number: int, call: Any, tolerance: float, settings: dict[str, Any]) -> list[EventCheck]:
     """Checks of the first `MOST` pieces of a motion; `call` has its scene, state, t0, t1 and events."""
-    groups, times = split_at_events(np.asarray(call.events.time), int(call.events.count), float(call.t0), float(call.t1))
+    horizon = float(call.t0), float(call.t1)
+    groups, times = split_at_events(np.asarray(call.events.time), int(call.events.count), *horizon)
     names, scene_vector, _ = flatten_parameters(call.scene)
     names = (*(f"q[{i}]" for i in range(call.state.q.size)), *(f"v[{i}]" for i in range(call.state.v.size)), *names)
     run = _compile(call.scene, settings)
@@ -102,7 +103,7 @@ def _compile(scene, settings) -> Compiled:
         motion = simulate(
             moved, state, t0=t0, t1=t1, running_cost=running_cost, adjoint=adjoint, throw=False, **settings
         )
-        return motion, jnp.any(initial_mode(moved, t0, state.q, state.v).active)
+        return motion, jnp.any(initial_mode(moved, t0, state.q, state.v, settings["atol"]).active)
 
     def final(u, t0, t1, adjoint):
         motion, _ = piece(u, t0, t1, adjoint)

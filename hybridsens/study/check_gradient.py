@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -18,7 +17,7 @@ from .check_events import EventCheck, check_events
 from .check_report import format_check
 from .differentiate import value_and_gradient
 from .flat_parameters import FlatParameters, flatten_parameters
-from .functional import Cost, choose_cost, functional, raise_unless_successful
+from .functional import Cost, choose_cost, functional, raise_unless_reached_end
 from .gradient_methods import from_adjoint
 from .scaled_differences import scaled_differences
 
@@ -77,14 +76,14 @@ def check_gradient(
     """Check the gradient of a cost, and say which parameter and which event disagree.
 
     1. The adjoint against forward sensitivities, to 1e-4 `tolerance`: both are exact for the computed motion.
-    2. Both against differences of fourth order, to `tolerance`; a difference counts only if the motions on all of its points have
-       the same sequence of events.
-    3. The same for every event by itself, on the piece of motion from half way after the last event to half way before the
-       next; and there the determinant of the state's variation, which is known: e^2 at an impact (1 at a release, 0 with a held
+    2. Both against differences of fourth order, to `tolerance`; a difference counts only if the motions on all of its
+       points have the same sequence of events.
+    3. The same for every event by itself, on the piece of motion from half way after the last event to half way before
+       the next; and there the determinant of the state's variation, which is known: e^2 at an impact (0 with a held
        contact) times exp(int tr f_x dt).
 
-    Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`, with keywords as
-    `hybridsens.simulate` takes them. `adjoint` is the reverse method to check, by default `Replay()`.
+    Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`. `adjoint`
+    is the reverse method to check, by default `Replay()`.
 
     Raises: SimulationError if the motion does not reach its end.
     """
@@ -96,8 +95,9 @@ def check_gradient(
     )
     value = eqx.filter_jit(_with_calls(parameters, cost, settings))
     J, calls = value(parameters.vector)
-    found = scaled_differences(_on_sequence(value, calls), parameters.vector, _scale(parameters.vector, float(J), adjoint))
-    size = _size(adjoint, forward, parameters.vector, float(J))
+    scale = _scale(parameters.vector, float(J), adjoint)
+    found = scaled_differences(_on_sequence(value, calls), parameters.vector, scale)
+    size = _size(adjoint, forward, scale)
     checks = tuple(
         ParameterCheck(name, *map(float, entry[:4]), _verdict(*entry, tolerance))
         for name, *entry in zip(parameters.names, adjoint, forward, found.slopes, found.uncertainty, size, strict=True)
@@ -110,7 +110,7 @@ def _gradient(parameters: FlatParameters, cost: Cost, adjoint: AbstractGradientM
     method = from_adjoint(adjoint, **settings)
     run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
     _, gradient, reported = run(parameters.vector)
-    raise_unless_successful(reported)
+    raise_unless_reached_end(reported)
     return np.asarray(gradient)
 
 
@@ -152,9 +152,8 @@ def _scale(vector, J: float, gradient):
     return np.where(np.asarray(vector) != 0, np.abs(vector), np.where(natural > 0, natural, 1.0))
 
 
-def _size(adjoint, forward, vector, J: float):
+def _size(adjoint, forward, scale):
     """What a deviation of an entry is measured by: the entry itself, or a thousandth of the whole gradient's effect."""
-    scale = _scale(vector, J, adjoint)
     largest = np.max(np.abs(adjoint) * scale)
     return np.maximum(np.maximum(np.abs(adjoint), np.abs(forward)), 1e-3 * largest / scale)
 

@@ -7,12 +7,17 @@ if TYPE_CHECKING:
     from .check_gradient import GradientCheck, ParameterCheck
 
 
+EVENTS = f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>8}{'closing speed':>14}" + (
+    f"{'determinant':>13}{'expected':>13}"
+)
+
+
 def format_check(check: "GradientCheck") -> str:
     """One line for each parameter and for each event, and a last line that sums up."""
     width = max(len(entry.parameter) for entry in check.parameters) + 2
     lines = [f"{'gradient by':{width}}{'adjoint':>18}{'forward':>18}{'differences':>18}{'+-':>9}"]
     lines += [_parameter_line(entry, width) for entry in check.parameters]
-    lines += ["", f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>8}{'closing speed':>14}{'determinant':>13}{'expected':>13}"]
+    lines += ["", EVENTS]
     lines += [_event_line(entry) for entry in check.events]
     wrong = [entry.parameter for entry in check.parameters if entry.verdict]
     events = [_events(entry) for entry in check.events if entry.verdict]
@@ -22,14 +27,14 @@ def format_check(check: "GradientCheck") -> str:
 
 
 def _parameter_line(entry: "ParameterCheck", width: int) -> str:
-    numbers = f"{entry.adjoint:>18.10g}{entry.forward:>18.10g}{entry.differences:>18.10g}{entry.uncertainty:>9.1e}"
-    return f"{entry.parameter:{width}}{numbers}  {entry.verdict}".rstrip()
+    numbers = "".join(f"{slope:>18.10g}" for slope in (entry.adjoint, entry.forward, entry.differences))
+    return f"{entry.parameter:{width}}{numbers}{entry.uncertainty:>9.1e}  {entry.verdict}".rstrip()
 
 
 def _event_line(entry: "EventCheck") -> str:
     return (
-        f"{_events(entry):>7}{entry.time:>13.6f}{entry.kind.name.lower():>9}{entry.contact:>8}{entry.closing_speed:>14.4g}"
-        f"{entry.determinant:>13.6g}{entry.expected:>13.6g}  {entry.verdict}"
+        f"{_events(entry):>7}{entry.time:>13.6f}{entry.kind.name.lower():>9}{entry.contact:>8}"
+        f"{entry.closing_speed:>14.4g}{entry.determinant:>13.6g}{entry.expected:>13.6g}  {entry.verdict}"
     ).rstrip()
 
 

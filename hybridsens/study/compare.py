@@ -14,8 +14,9 @@ from rich.progress import track
 from ..adjoint.methods import AbstractGradientMethod, Replay
 from .compare_table import format_comparison, write_csv
 from .differentiate import value_and_gradient
+from .failure import reason
 from .flat_parameters import FlatParameters, flatten_parameters
-from .functional import Cost, all_successful, choose_cost, functional, raise_unless_successful
+from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end
 from .gradient_methods import DEFAULT_ADJOINTS, GradientMethod, from_adjoint, naive_methods, our_methods
 from .measure import first_call, planned_memory, seconds_per_call
 
@@ -85,13 +86,13 @@ def compare(
     max_steps: int = 4096,
     progress: bool = True,
 ) -> Comparison:
-    """Value and gradient of a cost by this package's methods and by the naive ones, with their errors, times and memory.
+    """Value and gradient of a cost by this package's methods and by naive ones, with their errors, times and memory.
 
     Arguments:
 
     - `scene`: the parameters are its floating point leaves. Any PyTree will do if the cost can make a scene of it.
-    - `cost`: `cost(scene, simulate)`, a scalar. It must move its scene by the `simulate` that it is given, without settings
-      of its own: each method puts its own in that place. Default: the running cost of a ready-made scene.
+    - `cost`: `cost(scene, simulate)`, a scalar. It must move its scene by the `simulate` that it is given, without
+      settings of its own: each method puts its own in that place. Default: the running cost of a ready-made scene.
     - `tolerance`: rtol and atol of all methods with error control. `steps`: of those with a fixed step.
     - `adjoints`: which gradient methods of `hybridsens.simulate` to show.
     - `methods`: the whole list of rows instead of `adjoints` and the naive methods.
@@ -124,7 +125,7 @@ def tight_reference(parameters: FlatParameters, cost: Cost, max_events: int, max
     method = from_adjoint(Replay(), solver=diffrax.Dopri8(), **settings)
     run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
     value, gradient, reported = run(parameters.vector)
-    raise_unless_successful(reported)
+    raise_unless_reached_end(reported)
     count = max((int(count) for count in reported.count), default=None)
     return Reference(float(value), np.asarray(gradient, float), count)
 
@@ -134,20 +135,20 @@ def measure_method(method: GradientMethod, parameters: FlatParameters, cost: Cos
     try:
         return _measure(method, parameters, cost, reference)
     except Exception as error:  # a method that fails must not stop the table
-        return Row(method.name, failure=_reason(error))
+        return Row(method.name, failure=reason(error))
 
 
 def _measure(method: GradientMethod, parameters: FlatParameters, cost: Cost, reference: Reference) -> Row:
     function = functional(parameters, cost, method.simulate)
     forward = jax.jit(lambda vector: function(vector)[0])
-    gradient = value_and_gradient(function, method.mode, all_successful)
+    gradient = value_and_gradient(function, method.mode, all_reached_end)
     vector = parameters.vector
     (value, slopes, reported), compile_gradient = first_call(lambda: gradient(vector))
-    raise_unless_successful(reported)
+    raise_unless_reached_end(reported)
     _, compile_forward = first_call(lambda: forward(vector))
     value, slopes = float(value), np.asarray(slopes, float)
     if not (np.isfinite(value) and np.all(np.isfinite(slopes))):
-        raise FloatingPointError(f"value {value:g}, gradient with {int(np.sum(~np.isfinite(slopes)))} entries not finite")
+        raise FloatingPointError(f"not finite: value {value:g}, gradient {slopes}")
     memory = planned_memory(forward if method.mode == "differences" else gradient, vector)
     return Row(
         method.name, value, slopes, relative_error(value, reference.value), relative_error(slopes, reference.gradient),
@@ -160,8 +161,3 @@ def relative_error(found, known) -> float:
     """Largest deviation, relative to the largest known entry; absolute where all of them are zero."""
     scale = np.max(np.abs(known))
     return float(np.max(np.abs(found - known)) / (scale if scale > 0 else 1))
-
-
-def _reason(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return f"{type(error).__name__}: {lines[0] if lines else 'no message'}"

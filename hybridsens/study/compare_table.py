@@ -9,16 +9,22 @@ import numpy as np
 if TYPE_CHECKING:
     from .compare import Comparison, Row
 
-COLUMNS = ("value", "value_error", "gradient_error", "forward_seconds", "gradient_seconds", "compile_seconds", "peak_memory")
+COLUMNS = (
+    "value", "value_error", "gradient_error", "forward_seconds", "gradient_seconds", "compile_seconds", "peak_memory",
+)  # fmt: skip
 GRADIENTS_BESIDE = 5
 """How many gradients stand beside each other."""
+
+
+HEAD = f"{'':36}{'value':>14}{'value err':>11}{'gradient err':>13}" + (
+    f"{'forward':>11}{'gradient':>11}{'compile':>9}{'memory':>10}"
+)
 
 
 def format_comparison(comparison: "Comparison") -> str:
     """Two tables of plain text: the methods with their errors and costs, and the entries of their gradients."""
     reference = comparison.reference
-    head = f"{'':36}{'value':>14}{'value err':>11}{'gradient err':>13}{'forward':>11}{'gradient':>11}{'compile':>9}{'memory':>10}"
-    lines = [head, f"{'    reference':36}{reference.value:>14.9g}"]
+    lines = [HEAD, f"{'    reference':36}{reference.value:>14.9g}"]
     lines += [_method_line(number, row) for number, row in enumerate(comparison.rows, 1)]
     if comparison.interrupted:
         lines.append("    (interrupted: the remaining methods were not run)")

@@ -24,8 +24,8 @@ def value_and_gradient(
 def central_differences(function: Callable, succeeded: Callable[[Any], bool]) -> Callable[[Any], tuple[Any, Any, Any]]:
     """dJ/dp_i ~ (J(p + h e_i) - J(p - h e_i)) / 2h with h = eps^(1/3) max(|p_i|, 1): two motions for each parameter.
 
-    Where only one side has a motion (a restitution of 1 can only fall) the difference is one-sided; nan where neither has.
-    `succeeded` tells from the auxiliary output of `function` whether the motion is one.
+    Where only one side has a motion (a restitution of 1 can only fall) the difference is one-sided; nan where neither
+    has. `succeeded` tells from the auxiliary output of `function` whether the motion is one.
     """
 
     def side(vector, value, i, h):

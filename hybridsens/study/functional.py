@@ -12,8 +12,8 @@ from ..trajectory import SimulationError, Trajectory
 from .flat_parameters import FlatParameters
 
 Cost = Callable[..., Any]
-"""cost(scene, simulate) -> scalar. `simulate` stands for `hybridsens.simulate` with the settings of the method under study
-bound: the cost passes it the scene, the state, the horizon and what it wants back, but no settings."""
+"""cost(scene, simulate) -> scalar. `simulate` stands for `hybridsens.simulate` with the settings of the method under
+study bound: the cost passes it the scene, the state, the horizon and what it wants back, but no settings."""
 
 
 class Reported(NamedTuple):
@@ -42,7 +42,7 @@ def choose_cost(scene, cost: Cost | None) -> Cost:
 
 
 def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Callable:
-    """vector -> (J, Reported). Motions are asked not to raise by themselves; see `raise_unless_successful`.
+    """vector -> (J, Reported). Motions are asked not to raise by themselves; see `raise_unless_reached_end`.
 
     Raises: TypeError when traced if the cost is not a real scalar.
     """
@@ -63,13 +63,18 @@ def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Ca
     return value
 
 
-def all_successful(reported: Reported) -> bool:
-    """Whether every motion of ours reached its end."""
-    return all(bool(status == Status.successful) for status in reported.status)
+def reached_end(status: Status) -> bool:
+    """Whether a motion is whole. One that grazed a contact is: what that costs the gradient, a study measures."""
+    return bool((status == Status.successful) | (status == Status.grazing))
 
 
-def raise_unless_successful(reported: Reported) -> None:
-    """Raise SimulationError if a motion of ours did not reach its end."""
+def all_reached_end(reported: Reported) -> bool:
+    """Whether every motion of ours is whole."""
+    return all(map(reached_end, reported.status))
+
+
+def raise_unless_reached_end(reported: Reported) -> None:
+    """Raise SimulationError if a motion of ours is not whole."""
     for status in reported.status:
-        if status != Status.successful:
+        if not reached_end(status):
             raise SimulationError(Status[status])

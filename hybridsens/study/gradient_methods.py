@@ -47,7 +47,7 @@ def our_methods(
 
 
 def naive_methods(tolerance: float, steps: int, room: int, max_events: int, max_steps: int) -> list[GradientMethod]:
-    """What one would write without this package: `steps` for those with a fixed step, `room` for the events of a chain."""
+    """What one would write without this package. `steps`: of fixed size; `room`: for events in a chain of solves."""
     chain = dict(tolerance=tolerance, max_events=room)
     motion = partial(
         simulate, throw=False, rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps

@@ -22,7 +22,7 @@ class Differences(NamedTuple):
 
 
 def scaled_differences(function: Callable, vector, scale: Float[np.ndarray, "parameter"]) -> Differences:
-    """df/dp by `differences`, where entry i is moved in units of scale[i]; `function` may return nan where it must not be used."""
+    """df/dp by `differences`, entry i moved in units of scale[i]; where `function` is nan it is not used."""
     scaled = np.asarray(vector) / scale
     found = np.stack([differences(lambda u: function(u * scale), scaled, width)[0] / scale for width in WIDTHS])
     change = np.abs(np.diff(found, axis=0))

@@ -1,7 +1,7 @@
 """What one writes without this package: each a stand-in for `simulate`, to be differentiated by plain autodiff.
 
-They take `(scene, state, *, t0, t1, ts, running_cost)` as `hybridsens.simulate` does, and each has settings of its own. They
-are here to be measured, not to be used: `hybridsens.compare` puts them beside the gradients of this package.
+They take `(scene, state, *, t0, t1, ts, running_cost)` as `hybridsens.simulate` does, and each has settings of its own.
+They are here to be measured, not to be used: `hybridsens.compare` puts them beside this package's gradients.
 """
 
 from .constant_event_time import constant_event_time as constant_event_time

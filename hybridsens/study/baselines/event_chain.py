@@ -1,7 +1,7 @@
 """A chain of Diffrax solves that end at events, as one writes it without an adjoint for events.
 
-The physics is this package's own (modes, impact law, Gauss's principle): what differs is only how a segment's end is found and that
-plain automatic differentiation goes through all of it.
+The physics is this package's own (modes, impact law, Gauss's principle). What differs is how a segment's end is found,
+and that plain automatic differentiation goes through all of it.
 """
 
 from collections.abc import Callable
@@ -48,17 +48,20 @@ def first_event(root_finder: optx.AbstractRootFinder | None) -> diffrax.Event:
     return diffrax.Event(smallest_guard, root_finder, direction=False)
 
 
-def diffrax_solve(system: MechanicalSystem, mode, t, x, t1, tolerance, max_steps, saveat, event=None) -> diffrax.Solution:
+def diffrax_solve(
+    system: MechanicalSystem, mode, t, x, t1, tolerance, max_steps, saveat, event=None
+) -> diffrax.Solution:  # fmt: skip
     """One `diffeqsolve` in a fixed mode."""
     return diffrax.diffeqsolve(
-        diffrax.ODETerm(lambda t, x, args: args[0].flow(t, x, args[1])), diffrax.Tsit5(), t, t1, None, x, (system, mode),
-        stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+        diffrax.ODETerm(lambda t, x, args: args[0].flow(t, x, args[1])), diffrax.Tsit5(), t, t1, None, x,
+        args=(system, mode), stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
         saveat=saveat, event=event, max_steps=max_steps,
     )  # fmt: skip
 
 
 def event_chain(
-    scene: AbstractScene, state: State, t0, t1, ts, running_cost, solve_segment: SolveSegment, tolerance: float, max_events: int
+    scene: AbstractScene, state: State, t0, t1, ts, running_cost, solve_segment: SolveSegment, tolerance: float,
+    max_events: int,
 ) -> BaselineMotion:  # fmt: skip
     """Motion as `max_events + 1` solves in a row. A motion with more events comes back as NaN."""
     system, x0, structured = flat_problem(scene, state, t0, running_cost)
@@ -75,7 +78,7 @@ def event_chain(
         there, event = pass_event(system, Place(t, before, here.mode), t < t1)
         return (there, samples), event
 
-    start = Place(t0, x0, lax.stop_gradient(initial_mode(scene, t0, state.q, state.v)))
+    start = Place(t0, x0, lax.stop_gradient(initial_mode(scene, t0, state.q, state.v, tolerance)))
     samples = None if ts is None else jnp.zeros((ts.shape[0], x0.shape[0]), x0.dtype)
     (end, samples), rows = lax.scan(segment, (start, samples), length=max_events + 1)
     q, v, z = system.split(jnp.where(end.t >= t1, end.x, jnp.nan))

@@ -1,4 +1,4 @@
-"""Diffrax events with a root finder: the best that plain autodiff does, exact but for the dense output at the events."""
+"""Diffrax events with a root finder: the best that plain autodiff does, exact but for dense output."""
 
 import optimistix as optx
 

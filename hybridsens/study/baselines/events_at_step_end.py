@@ -9,7 +9,7 @@ def events_at_step_end(
     scene: AbstractScene, state: State, *, t0=0.0, t1, ts=None, running_cost=None, tolerance: float = 1e-8,
     max_events: int = 64,
 ) -> BaselineMotion:  # fmt: skip
-    """Motion whose events happen at step ends, late by up to a step, and whose times have no derivative: d t_k = 0 in (T6).
+    """Motion whose events happen at step ends, late by up to a step, and whose times have no derivative: d t_k = 0.
 
     `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
     """

@@ -39,7 +39,7 @@ class BaselineMotion(eqx.Module):
 
 
 def flat_problem(scene: AbstractScene, state: State, t0, running_cost):
-    """The scene as a hybrid system, its flat initial state (q, v, z = 0), and the function that gives z its structure."""
+    """The scene as a hybrid system, its flat initial state (q, v, 0), and the function that gives z its structure."""
     system = MechanicalSystem(scene, running_cost, default_capture_speed(state.q.dtype), state.q.shape[0])
     z, structured = jnp.zeros(0, state.q.dtype), lambda z: None
     if running_cost is not None:

@@ -1,12 +1,13 @@
 """Penalty contact: springs and dampers instead of constraints, in fixed steps, differentiated as it stands."""
 
 import diffrax
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
 from ...mechanics.contact import contact_geometry, contact_jacobian, gap_and_rate
-from ...mechanics.mode import open_mode
+from ...mechanics.flow import free_acceleration
 from ...mechanics.scene import AbstractScene, State
 from .motion import BaselineMotion, flat_problem
 
@@ -64,11 +65,16 @@ def penalty_contact(
     soft = soften(scene, state, t0, contact_time)
     cost = None if running_cost is None else lambda _, t, q, v: running_cost(scene, t, q, v)
     system, x0, structured = flat_problem(soft, state, t0, cost)
-    mode = open_mode(0, state.q.dtype)
+
+    def field(t, x, system):
+        q, v, _ = system.split(x)
+        integrands = [] if cost is None else [jnp.ravel(leaf) for leaf in jax.tree.leaves(cost(None, t, q, v))]
+        return jnp.concatenate([v, free_acceleration(system.scene, t, q, v), *integrands])
+
     saveat = diffrax.SaveAt(t1=True) if ts is None else diffrax.SaveAt(t1=True, ts=ts)
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(lambda t, x, args: args.flow(t, x, mode)),
-        diffrax.Tsit5(), t0, t1, (t1 - t0) / steps, x0, args=system, saveat=saveat, max_steps=steps + 8,
+        diffrax.ODETerm(field), diffrax.Tsit5(), t0, t1, (t1 - t0) / steps, x0, args=system, saveat=saveat,
+        max_steps=steps + 8,
     )  # fmt: skip
     assert solution.ys is not None
     q, v, z = system.split(solution.ys[-1])

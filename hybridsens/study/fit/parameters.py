@@ -28,11 +28,11 @@ class Selection(eqx.Module):
     """Which leaves of the flattened scene are fitted."""
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """Shapes of those leaves."""
-    lower: Float[np.ndarray, "parameter"]
+    lower: Float[Array | np.ndarray, "parameter"]
     """Lower bounds, -inf where there is none."""
-    upper: Float[np.ndarray, "parameter"]
+    upper: Float[Array | np.ndarray, "parameter"]
     """Upper bounds, inf where there is none."""
-    scale: Float[np.ndarray, "parameter"]
+    scale: Float[Array | np.ndarray, "parameter"]
     """Size of a parameter, from the guess."""
 
     def values(self, scene) -> Float[Array, "parameter"]:

@@ -1,19 +1,22 @@
 """A fit in words."""
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .descend import Sequence
-from .result import FitResult
+
+if TYPE_CHECKING:
+    from .result import FitResult
 
 
-def report(result: FitResult) -> str:
+def report(result: "FitResult") -> str:
     """What `print(result)` shows."""
     return "\n".join([*_head(result), "", *_parameters(result), "", *_events(result), *_directions(result)])
 
 
-def _head(result: FitResult) -> Iterator[str]:
+def _head(result: "FitResult") -> Iterator[str]:
     yield (
         f"fit {result.stopped} after {result.iterations} iterations: loss {result.history[0].loss:.6g} -> "
         f"{result.loss:.6g}, gradient norm {result.history[-1].gradient_norm:.3g}"
@@ -29,7 +32,7 @@ def _head(result: FitResult) -> Iterator[str]:
         yield f"{loss.size} starts: {near} ended within 1 % of the best loss, {int(np.sum(np.isinf(loss)))} failed"
 
 
-def _parameters(result: FitResult) -> Iterator[str]:
+def _parameters(result: "FitResult") -> Iterator[str]:
     width = max(12, *map(len, result.labels))
     yield f"{'parameter':<{width}} {'guess':>12} {'value':>12} {'std error':>12} {'95 % interval':>28}"
     intervals, errors = result.intervals(), result.standard_errors
@@ -39,7 +42,7 @@ def _parameters(result: FitResult) -> Iterator[str]:
         yield f"{label:<{width}} {guess:>12.6g} {value:>12.6g} {errors[label]:>12.3g} {interval:>28}"
 
 
-def _events(result: FitResult) -> Iterator[str]:
+def _events(result: "FitResult") -> Iterator[str]:
     start, end = result.sequence_start, result.sequence_end
     yield f"events at the guess: {_sequence(start)}"
     yield f"events at the end:   {'the same' if start == end else _sequence(end)}"
@@ -47,7 +50,7 @@ def _events(result: FitResult) -> Iterator[str]:
         yield f"the event sequence changed at {result.sequence_changes} accepted steps: the loss is only piecewise smooth"
 
 
-def _directions(result: FitResult) -> Iterator[str]:
+def _directions(result: "FitResult") -> Iterator[str]:
     for direction in result.uncertainty.null_directions:
         yield f"not determined by the data (relative change): {_direction(direction)}"
     for error, direction in result.weak_directions():

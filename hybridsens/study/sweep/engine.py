@@ -16,6 +16,9 @@ from .lane import Wanted, evaluate
 
 LANE = "lane"
 
+# One point as a program of its own: shapes, fingerprint and batches share what was traced, in this sweep and the next.
+_evaluate = eqx.filter_jit(evaluate)
+
 
 class Program(NamedTuple):
     """What is run at every point."""
@@ -93,7 +96,7 @@ def _run(cost, scene, wanted: Wanted, columns, mesh: Mesh, mapped: bool):
 
     def shard(arrays, columns):
         cost, scene = eqx.combine(arrays, static)
-        lane = functools.partial(evaluate, cost, scene, wanted)
+        lane = functools.partial(_evaluate, cost, scene, wanted)
         return lax.map(lane, columns) if mapped else jax.vmap(lane)(columns)
 
     everywhere, by_lane = PartitionSpec(), PartitionSpec(LANE)
@@ -105,13 +108,13 @@ def _run(cost, scene, wanted: Wanted, columns, mesh: Mesh, mapped: bool):
 def shapes(program: Program, columns: dict[str, np.ndarray]) -> dict[str, jax.ShapeDtypeStruct]:
     """Names, shapes and types of what one point gives."""
     one = {name: jnp.asarray(column[0]) for name, column in columns.items()}
-    return eqx.filter_eval_shape(evaluate, program.cost, program.scene, program.wanted, one)
+    return eqx.filter_eval_shape(_evaluate, program.cost, program.scene, program.wanted, one)
 
 
 def program_text(program: Program, columns: dict[str, np.ndarray]) -> str:
     """The program of one point as the compiler gets it: the same text means the same numbers."""
     one = {name: jnp.asarray(column[0]) for name, column in columns.items()}
-    return eqx.filter_jit(evaluate).lower(program.cost, program.scene, program.wanted, one).as_text()
+    return _evaluate.lower(program.cost, program.scene, program.wanted, one).as_text()
 
 
 def _multiple(size: int, of: int) -> int:

@@ -1,0 +1,57 @@
+"""A work-precision study as a picture. Lines differ in mark and dash, so it reads in grey print."""
+
+from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+if TYPE_CHECKING:
+    from .work_precision import Point, WorkPrecision
+
+MARKS = "osD^vP*X<>"
+DASHES = ("-", "--", "-.", ":")
+SHADES = ("0.0", "0.45")
+
+
+def plot_work_precision(study: "WorkPrecision") -> Figure:
+    """Errors of J and of its gradient against time per gradient; the Pareto front is drawn as a wide grey band.
+
+    A mark for each solver, a dash for each gradient method, black for float64 and grey for float32.
+    """
+    figure = Figure(figsize=(10, 4.8), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=False)
+    for panel, error, title in zip(axes, ("value_error", "gradient_error"), ("J", "its gradient"), strict=True):
+        front = study.pareto(error)
+        panel.loglog(
+            [1e3 * point.seconds for point in front], [_drawn(getattr(point, error)) for point in front],
+            color="0.85", linewidth=9, solid_capstyle="round", label="Pareto front",
+        )  # fmt: skip
+        _lines(panel, study, error)
+        panel.set(xlabel="time per gradient [ms]", ylabel=f"relative error of {title}")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.set_minor_formatter(NullFormatter())
+        panel.grid(color="0.9", linewidth=0.6)
+        panel.set_axisbelow(True)
+    axes[1].legend(fontsize="small", loc="best")
+    return figure
+
+
+def _lines(axes: Axes, study: "WorkPrecision", error: str) -> None:
+    groups: dict[tuple[str, str, str], list[Point]] = {}
+    for point in study.points:
+        if not point.failure:
+            groups.setdefault((point.solver, point.method, point.dtype), []).append(point)
+    solvers, methods, dtypes = (list(dict.fromkeys(column)) for column in zip(*groups, strict=True))
+    for (solver, method, dtype), points in groups.items():
+        label = ", ".join([solver, *([method] if len(methods) > 1 else []), *([dtype] if len(dtypes) > 1 else [])])
+        axes.plot(
+            [1e3 * point.seconds for point in points], [_drawn(getattr(point, error)) for point in points],
+            marker=MARKS[solvers.index(solver) % len(MARKS)], linestyle=DASHES[methods.index(method) % len(DASHES)],
+            color=SHADES[dtype == "float32"], linewidth=1, markersize=5, label=label,
+        )  # fmt: skip
+
+
+def _drawn(error: float) -> float:
+    return max(error, 1e-16)  # zero has no place on a logarithmic axis
