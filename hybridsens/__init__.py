@@ -1,6 +1,8 @@
 """Hybrid mechanical motions (impacts, captures, sustained contact, releases) and their exact gradients, in JAX."""
 
 from . import scenes as scenes
+from .adjoint.methods import ContinuousCostate as ContinuousCostate
+from .adjoint.methods import DiffraxAdjoint as DiffraxAdjoint
 from .adjoint.methods import ForwardSensitivities as ForwardSensitivities
 from .adjoint.methods import Replay as Replay
 from .configure import configure as configure

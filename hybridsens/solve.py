@@ -10,7 +10,8 @@ from jaxtyping import Array, Float, Int
 
 from .adjoint.backward import Cotangents, pull_back
 from .adjoint.forward_sensitivity import push_forward
-from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities
+from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
+from .adjoint.step_adjoint import step_adjoint
 from .batching import map_lanes_on_cpu
 from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
@@ -61,6 +62,14 @@ class Setting(NamedTuple):
     method: Method
 
 
+class _How(NamedTuple):
+    """How to go back: by which method, and whether the ends of the horizon are differentiated by."""
+
+    adjoint: AbstractGradientMethod
+    by_t0: bool
+    by_t1: bool
+
+
 class Reported(NamedTuple):
     """Everything that is reported of a motion. Rows of events beyond `count` are padding."""
 
@@ -87,23 +96,25 @@ def solve(inputs: Inputs, setting: Setting, adjoint: AbstractGradientMethod | No
     inputs = inputs._replace(system=TracedOnce(inputs.system))
     if isinstance(adjoint, ForwardSensitivities):
         return _forward(inputs, setting)[0]
-    return _solve_in_reverse(inputs, setting)
+    return _solve_in_reverse(inputs, setting, adjoint or Replay())
 
 
 @eqx.filter_custom_vjp
-def _solve_in_reverse(inputs: Inputs, setting: Setting) -> Reported:
+def _solve_in_reverse(inputs: Inputs, setting: Setting, adjoint: AbstractGradientMethod) -> Reported:
+    del adjoint
     return _forward(inputs, setting)[0]
 
 
 @_solve_in_reverse.def_fwd
-def _solve_fwd(perturbed, inputs, setting):
-    del perturbed
+def _solve_fwd(perturbed, inputs, setting, adjoint):
+    del perturbed, adjoint
     return _forward(inputs, setting)
 
 
 @_solve_in_reverse.def_bwd
-def _solve_bwd(motion, reported_bar, perturbed, inputs, setting):
-    return _backward(inputs, setting, motion, reported_bar, (perturbed.t0, perturbed.t1))
+def _solve_bwd(motion, reported_bar, perturbed, inputs, setting, adjoint):
+    how = _How(adjoint, perturbed.t0, perturbed.t1)
+    return _backward(inputs, setting, motion, reported_bar, how)
 
 
 @eqx.filter_custom_jvp
@@ -157,12 +168,12 @@ def _forward_lane(inputs: Inputs, setting: Setting) -> tuple[Reported, Motion]:
     return _report(inputs, setting, motion), motion
 
 
-def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Reported, moving_ends) -> Inputs:
+def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Reported, how: _How) -> Inputs:
     """Cotangents of the inputs from those of the report (None where nothing depends on an entry)."""
     dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
 
     def lane(dynamic, motion, bar):
-        return _backward_lane(*eqx.combine(dynamic, static), motion, bar, moving_ends), None
+        return _backward_lane(*eqx.combine(dynamic, static), motion, bar, how), None
 
     def lane_of_batch(batched, dynamic, motion, bar):
         inputs_batched, motion_batched, _ = batched
@@ -173,7 +184,7 @@ def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Re
     return map_lanes_on_cpu(lane, lane_of_batch)(dynamic, motion, reported_bar)[0]
 
 
-def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported, moving_ends) -> Inputs:
+def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported, how: _How) -> Inputs:
     parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
     replay = setting.method.replay_solver(_operations(inputs, setting))
     grid, ts_bar, sampled = None, None, None
@@ -186,7 +197,9 @@ def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Report
         rows(bar.after, events.after), rows(bar.emitted, events.emitted), grid,
     )  # fmt: skip
     start = (inputs.t0, inputs.x0)
-    gradient = pull_back(parameters, static, replay, motion, start, inputs.t1, cotangents, moving_ends)
+    carry_back = step_adjoint(how.adjoint, replay)
+    ends = (how.by_t0, how.by_t1)
+    gradient = pull_back(parameters, static, carry_back, motion, start, inputs.t1, cotangents, ends)
     by_parameters = gradient.parameters
     if sampled is not None:
         by_parameters = jax.tree.map(jnp.add, by_parameters, sampled)

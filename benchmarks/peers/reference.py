@@ -23,7 +23,7 @@ class Reference(NamedTuple):
 
 def load(problem: str, functional: int | None = None) -> Reference:
     """The reference of one problem, rounded from 30 digits to float64."""
-    record = json.loads(Path(__file__).with_name("references.json").read_text())[problem]
+    record = json.loads((Path(__file__).parents[2] / "tests" / "references.json").read_text())[problem]
     index = DEFAULT_FUNCTIONAL[problem] if functional is None else functional
     gradient = np.array([float(entry) for entry in record["dJ"][index]])
     parameters, value = np.array(record["p"]), float(record["J"][index])

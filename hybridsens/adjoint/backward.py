@@ -2,7 +2,6 @@
 
 from typing import Any, NamedTuple
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,8 +9,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..forward.record import Motion, segment
-from ..forward.solver import one_step
 from .jump import Jump, crossing, event_row, jump
+from .step_adjoint import StepAdjoint
 
 
 class Cotangents(NamedTuple):
@@ -39,7 +38,7 @@ class Gradient(NamedTuple):
 def pull_back(
     parameters,
     static,
-    solver: diffrax.AbstractSolver,
+    carry_back: StepAdjoint,
     motion: Motion,
     start,
     t1,
@@ -48,7 +47,7 @@ def pull_back(
 ) -> Gradient:
     """Gradient of a cost with the cotangents `bar`.
 
-    psi' = -f_x^T psi (T7) by replaying the recorded steps, each step's exact derivative; (T8)-(T10) at the events. `parameters` and
+    Between events psi is carried back over the recorded steps, psi' = -f_x^T psi (T7); (T8)-(T10) at the events. `parameters` and
     `static` are the two halves of the system, `start` is (t0, x0); `moving_ends` says whether t0 and t1 are differentiated by.
     """
     system = eqx.combine(parameters, static)
@@ -61,7 +60,7 @@ def pull_back(
     def one_segment(carry):
         j, psi, total, _ = carry
         mode, first, last = segment(motion, j)
-        psi, total = _through_steps(parameters, static, solver, motion, mode, first, last, bar, psi, total)
+        psi, total = _through_steps(parameters, static, carry_back, motion, mode, first, last, bar, psi, total)
         grid_bar = jax.tree.map(lambda g: jnp.where(last > first, g, 0), _grid_bar(bar, first))
         through = lambda: _through_event(parameters, static, events, j - 1, bar, grid_bar, psi, total)
         psi, total = lax.cond(j > 0, through, lambda: (psi, total))
@@ -76,15 +75,13 @@ def pull_back(
     return Gradient(total, psi + x0_grid, t0_grid, t1_bar)
 
 
-def _through_steps(parameters, static, solver, motion: Motion, mode, first, last, bar: Cotangents, psi, total):
+def _through_steps(parameters, static, carry_back, motion: Motion, mode, first, last, bar: Cotangents, psi, total):
     """Adjoint of the steps first <= k < last of one segment, on their recorded grid."""
     t, x = motion.steps.t, motion.steps.x
 
     def body(carry):
         k, psi, total = carry
-        step = lambda p, x0: one_step(solver, eqx.combine(p, static), mode, t[k], t[k + 1], x0)
-        _, vjp = jax.vjp(step, parameters, x[k])
-        total_step, psi = vjp(psi)
+        total_step, psi = carry_back(parameters, static, mode, t[k], t[k + 1], x[k], psi)
         if bar.grid is not None:
             psi = psi + jnp.where(k > first, bar.grid[1][k], 0)
         return k - 1, psi, jax.tree.map(jnp.add, total, total_step)

@@ -1,5 +1,6 @@
 """How a motion is differentiated: the choices for `adjoint=`."""
 
+import diffrax
 import equinox as eqx
 
 
@@ -12,6 +13,39 @@ class Replay(AbstractGradientMethod):
 
     Serves `jax.grad`, `jax.vjp`, and second derivatives as forward over reverse (`jax.jacfwd(jax.grad(...))`).
     """
+
+
+class ContinuousCostate(AbstractGradientMethod):
+    """Reverse mode by the paper's adjoint equation psi' = -f_x^T psi (T7), integrated backward with its own tolerances.
+
+    Differs from the derivative of the computed motion by the tolerances of both passes. `state` says where the motion
+    comes from on the way back: "recorded" (steps of the solver from the recorded ones) or "backward" (integrated backward from the end
+    of every recorded step, cheaper, and unstable over a step where the motion is strongly dissipative).
+    """
+
+    rtol: float = 1e-8
+    atol: float = 1e-8
+    state: str = eqx.field(default="recorded", static=True)
+
+    def __check_init__(self):
+        if self.state not in ("recorded", "backward"):
+            raise ValueError(f'`state` must be "recorded" or "backward", but is {self.state!r}.')
+
+
+class DiffraxAdjoint(AbstractGradientMethod):
+    """Reverse mode with an adjoint of Diffrax inside the segments, jumps between: for comparison.
+
+    `RecursiveCheckpointAdjoint()` and `DirectAdjoint()` give the replay's gradient at a higher cost.
+    """
+
+    adjoint: diffrax.AbstractAdjoint = eqx.field(default_factory=diffrax.RecursiveCheckpointAdjoint)
+
+    def __check_init__(self):
+        if isinstance(self.adjoint, diffrax.BacksolveAdjoint | diffrax.ForwardMode):
+            raise ValueError(
+                f"`adjoint` must be one of Diffrax's discrete adjoints, but is {type(self.adjoint).__name__}. For backward "
+                'integration use ContinuousCostate(state="backward"), for forward mode ForwardSensitivities().'
+            )
 
 
 class ForwardSensitivities(AbstractGradientMethod):

@@ -48,7 +48,7 @@ def uncertainty(
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(errors, errors)
     named = [dict(zip(labels, (float(x) for x in direction), strict=True)) for direction in null]
-    return Uncertainty(covariance, errors, correlation, noise, np.inf if sigmas_given else freedom, named)
+    return Uncertainty(covariance, errors, correlation, noise, np.inf if sigmas_given else float(freedom), named)
 
 
 def _inverse(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

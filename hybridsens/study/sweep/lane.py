@@ -32,35 +32,43 @@ def status_names() -> tuple[str, ...]:
 
 
 def evaluate(cost: Callable, scene: Any, wanted: Wanted, columns: dict[str, Any]) -> dict[str, Any]:
-    """Everything about one point, by the names that the Dataset has. Values of a point that failed are NaN.
+    """Everything about one point, by the names that the Dataset has.
 
+    Values of a point that failed are NaN; at a grazing point the gradient is, since it does not exist there.
     Raises TypeError or ValueError, while it is traced, for a cost that a sweep cannot use.
     """
-    scene = replace(scene, columns)
+    j, trajectory, gradient = _differentiate(cost, replace(scene, columns), wanted)
+    status = _status(j, trajectory, gradient)
+    smooth = status == _code(Status.successful)
+    reached = smooth | (status == _code(Status.grazing))
+    out = {"J": jnp.where(reached, j, jnp.nan)}
+    out |= {f"dJ_d{name}": jnp.where(smooth, d, jnp.nan) for name, d in gradient.items()}
+    if trajectory is not None:
+        out |= _event_summary(trajectory, wanted.events)
+        if wanted.states:
+            out |= {name: jnp.where(reached, getattr(trajectory, name), jnp.nan) for name in ("q", "v")}
+    return out | {"status": status.astype(jnp.int8)}
+
+
+def _differentiate(cost, scene, wanted: Wanted):
+    """J, the trajectory (or None), and the gradient by name."""
     chosen = {name: parameters(scene)[name] for name in wanted.gradient}
 
     def value(chosen):
         j, trajectory = _value_and_trajectory(cost(replace(scene, chosen)), wanted)
         return j, (j, trajectory)
 
-    if chosen:
-        gradient, (j, trajectory) = jax.grad(value, has_aux=True)(chosen)
-    else:
-        gradient, (j, trajectory) = {}, value(chosen)[1]
+    if not chosen:
+        return *value(chosen)[1], {}
+    gradient, (j, trajectory) = jax.grad(value, has_aux=True)(chosen)
+    return j, trajectory, gradient
+
+
+def _status(j, trajectory, gradient):
+    """The motion's status; a success whose value or gradient is not finite after all is none."""
+    status = _code(Status.successful if trajectory is None else trajectory.status)
     finite = jnp.all(jnp.isfinite(jnp.concatenate([jnp.ravel(d) for d in (j, *gradient.values())])))
-    status = _code(Status.successful) if trajectory is None else _code(trajectory.status)
-    status = jnp.where((status == _code(Status.successful)) & ~finite, _code(Status.non_finite), status)
-    ok = status == _code(Status.successful)
-
-    def unless_failed(leaf):
-        return jnp.where(ok, leaf, jnp.nan)
-
-    out = {"J": unless_failed(j), **{f"dJ_d{name}": unless_failed(d) for name, d in gradient.items()}}
-    if trajectory is not None:
-        out |= _event_summary(trajectory, wanted.events)
-        if wanted.states:
-            out |= {"q": unless_failed(trajectory.q), "v": unless_failed(trajectory.v)}
-    return out | {"status": status.astype(jnp.int8)}
+    return jnp.where((status == _code(Status.successful)) & ~finite, _code(Status.non_finite), status)
 
 
 def _value_and_trajectory(out, wanted: Wanted):

@@ -27,7 +27,7 @@ def plot_sweep(dataset: "xr.Dataset") -> "Figure":
     derivatives = gradients(dataset)
     maps |= {f"|dJ/d {dim}|": abs(derivatives[dim]) for dim in map(str, dims) if dim in derivatives}
     if "event_count" in dataset:
-        maps["events"] = dataset.event_count.where(dataset.status == 0)
+        maps["events"] = dataset.event_count.where(dataset.J.notnull())
     figure = Figure(figsize=(4.2 * len(maps), 3.8), layout="constrained")
     for axes, (title, values) in zip(np.ravel(figure.subplots(1, len(maps), sharey=True)), maps.items(), strict=True):
         draw_map(axes, values, logarithmic=title.startswith("|"))

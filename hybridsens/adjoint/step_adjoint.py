@@ -1,0 +1,70 @@
+"""The adjoint of one recorded step: exact replay, the continuous costate (T7), or an adjoint of Diffrax."""
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from ..forward.solver import TERM, one_step
+from .methods import AbstractGradientMethod, ContinuousCostate, DiffraxAdjoint
+
+StepAdjoint = Callable[..., tuple[Any, Any]]
+"""(parameters, static, mode, t0, t1, x0, psi1) -> (what the step adds to dJ/d(parameters), psi0)"""
+
+
+def step_adjoint(method: AbstractGradientMethod, solver: diffrax.AbstractSolver) -> StepAdjoint:
+    """How the method carries a costate back over one step of the solver."""
+    if isinstance(method, ContinuousCostate):
+        return _continuous_costate(method, solver)
+    if isinstance(method, DiffraxAdjoint):
+        return _vjp_of(lambda *step: _diffrax_step(solver, method.adjoint, *step))
+    return _vjp_of(lambda *step: one_step(solver, *step))
+
+
+def _vjp_of(step) -> StepAdjoint:
+    def adjoint(parameters, static, mode, t0, t1, x0, psi):
+        _, vjp = jax.vjp(lambda p, x: step(eqx.combine(p, static), mode, t0, t1, x), parameters, x0)
+        return vjp(psi)
+
+    return adjoint
+
+
+def _diffrax_step(solver, adjoint: diffrax.AbstractAdjoint, system, mode, t0, t1, x0):
+    """The same step as a solve of Diffrax, which differentiates it."""
+    args = (system, mode)
+    fixed = diffrax.ConstantStepSize()
+    solution = diffrax.diffeqsolve(
+        TERM, solver, t0, t1, t1 - t0, x0, args, stepsize_controller=fixed, adjoint=adjoint, max_steps=4, throw=False
+    )
+    return solution.ys[-1]
+
+
+def _continuous_costate(method: ContinuousCostate, solver) -> StepAdjoint:
+    def adjoint(parameters, static, mode, t0, t1, x0, psi):
+        """psi' = -f_x^T psi, and dJ/dtheta gathers f_theta^T psi, from t1 down to t0 (T7)."""
+
+        def state_at(t, x):
+            return x if method.state == "backward" else one_step(solver, eqx.combine(parameters, static), mode, t0, t, x0)
+
+        def backward(s, y, _):
+            x, psi, _ = y
+            t = t1 - s
+            flow = lambda p, x: eqx.combine(p, static).flow(t, x, mode)
+            f, vjp = jax.vjp(flow, parameters, state_at(t, x))
+            by_parameters, by_state = vjp(psi)
+            return -f, by_state, by_parameters
+
+        x1 = one_step(solver, eqx.combine(parameters, static), mode, t0, t1, x0)
+        start = (x1, psi, jax.tree.map(jnp.zeros_like, parameters))
+        control = diffrax.PIDController(rtol=method.rtol, atol=method.atol)
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(backward), diffrax.Tsit5(), jnp.zeros_like(t0), t1 - t0, None, start,
+            stepsize_controller=control, adjoint=diffrax.ForwardMode(), max_steps=None, throw=False,
+        )  # fmt: skip
+        _, psi, by_parameters = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
+        return by_parameters, psi
+
+    return adjoint

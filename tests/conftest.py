@@ -1,0 +1,18 @@
+"""What every test starts from: shapes and types checked at run time, double precision, a cache of programs."""
+
+from pathlib import Path
+
+import jax
+import jaxtyping
+
+# The annotations of every function are checked at each call. The hook must be there before the package is imported.
+jaxtyping.install_import_hook("hybridsens", "beartype.beartype")
+
+import hybridsens  # noqa: E402
+
+hybridsens.configure()
+
+# Test time is compile time: programs that were compiled once are kept beside the checkout.
+jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / ".jax_cache"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

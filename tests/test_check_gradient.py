@@ -1,0 +1,63 @@
+"""`check_gradient` passes what is right, and names the parameter and the event where something is wrong."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hybridsens.scenes import BouncingBall
+from hybridsens.study.check_events import split_at_events
+from hybridsens.study.check_gradient import check_gradient
+from hybridsens.study.functional import running_cost_functional
+
+
+def test_a_right_gradient_passes_and_each_impact_has_determinant_e_squared():
+    """Three impacts of a ball without friction: each piece of its motion contracts the phase space by e^2."""
+    check = check_gradient(BouncingBall(restitution_coefficient=0.8), max_events=8, max_steps=1024)
+    assert check.ok, str(check)
+    assert [entry.determinant for entry in check.events] == pytest.approx([0.64] * 3, abs=1e-9)
+    assert "All agree." in str(check)
+
+
+def test_a_parameter_that_is_held_constant_by_mistake_is_named():
+    """`stop_gradient` on the floor makes adjoint and forward agree on 0; the differences do not, there and only there."""
+
+    def cost(scene, simulate):
+        return running_cost_functional(eqx.tree_at(lambda s: s.floor, scene, jax.lax.stop_gradient(scene.floor)), simulate)
+
+    check = check_gradient(BouncingBall(), cost, max_events=8, max_steps=1024)
+    assert {entry.parameter: entry.verdict for entry in check.parameters if entry.verdict} == {
+        "floor": "differences disagree"
+    }
+    assert not check.ok
+
+
+@jax.custom_jvp
+def _place(floor):
+    return floor
+
+
+_place.defjvp(lambda primals, tangents: (primals[0], 2 * tangents[0]))
+
+
+class WrongFloor(BouncingBall):
+    """A ball whose gap moves twice as fast with the floor as it says."""
+
+    def gap(self, t, q):
+        return q - _place(self.floor)
+
+
+def test_a_wrong_derivative_in_a_contact_is_found_at_its_events():
+    """Every impact's own check names the parameter that stands wrongly in the gap."""
+    check = check_gradient(WrongFloor(), max_events=8, max_steps=1024)
+    assert [entry.verdict for entry in check.events] == ["differences disagree in floor"] * 3
+    assert [entry.parameter for entry in check.parameters if entry.verdict] == ["floor"]
+
+
+def test_events_that_lie_together_stay_together():
+    """Pieces begin half way between events, and events within 1e-6 of the horizon share one."""
+    groups, times = split_at_events(np.array([1.0, 2.0, 2.0 + 1e-9, 3.0, np.inf]), 4, 0.0, 4.0)
+    assert groups == [range(0, 1), range(1, 3), range(3, 4)]
+    assert times == pytest.approx([0, 1.5, 2.5, 4])
+    assert split_at_events(np.array([jnp.inf]), 0, 0.0, 4.0) == ([], [0.0])

@@ -1,0 +1,62 @@
+"""The command line: what it prints, what it writes, and how it refuses."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from hybridsens.commands.main import run
+from hybridsens.scenes import SCENES
+
+
+def test_demo_shows_a_right_gradient_beside_a_wrong_one(tmp_path, capsys):
+    """The jump adjoint agrees with differences to 1e-7, naive autodiff is off by all of it, a picture is written."""
+    picture = tmp_path / "motion.png"
+    assert run(["demo", "--output", str(picture)]) == 0
+    printed = capsys.readouterr().out
+    (errors,) = re.findall(r"largest error: jump adjoint (\S+), naive autodiff (\S+)", printed)
+    assert float(errors[0]) < 1e-7
+    assert float(errors[1]) > 1
+    assert len(re.findall(r"^ +\d+ +\S+ +impact", printed, re.MULTILINE)) == 5
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_scenes_lists_every_scene_with_a_line(capsys):
+    """Each name that `demo` takes stands at the start of a line that says what the scene is."""
+    assert run(["scenes"]) == 0
+    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert [line[0] for line in lines] == list(SCENES)
+    assert all(len(line[1]) > 10 for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["demo", "nowhere"], "no scene 'nowhere'; choose one of elastic-stop"),
+        (["demo", "--tolerance", "0"], "tolerance must lie between"),
+        (["demo", "--tolerance", "small"], "valid number"),
+        (["demo", "--output", "motion.doc"], "must end in one of"),
+        (["demo", "--output", "no/such/folder/motion.png"], "no folder no/such/folder"),
+        (["demo", "--colour", "red"], "--colour"),
+        (["dance"], "dance"),
+    ],
+)
+def test_bad_arguments_get_one_clear_line_and_a_status(arguments, reason, capsys):
+    """A mistake on the command line is named in one line on the error stream, and the exit status is not 0."""
+    assert run(arguments) != 0
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.splitlines()
+    assert line.startswith("hybridsens: ")
+    assert reason in line
+
+
+def test_the_console_script_configures_jax_and_passes_its_status_on():
+    """A fresh process runs in double precision, and its exit status is that of the command."""
+    code = "import sys, jax; from hybridsens.commands.main import main\n"
+    code += "try: main()\nfinally: print(jax.config.jax_enable_x64)"
+    ended = subprocess.run([sys.executable, "-c", code, "demo", "nowhere"], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stdout.split() == ["True"]
+    assert len(ended.stderr.splitlines()) == 1

@@ -1,0 +1,161 @@
+"""Fits against records that another integrator made, and against closed forms."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hybridsens.scenes import BouncingBall, ElasticStop
+from hybridsens.study.fit import GrowingHorizon, fit, measurements, read_measurements
+from hybridsens.study.fit.descend import GuessFailed
+
+RECORD = Path(__file__).parents[1] / "notebooks" / "data" / "stop_record.csv"
+TRUTH = {
+    "stiffness": 1.0, "damping": 0.1, "amplitude": 1.0, "frequency": 1.3, "distance": 0.6, "restitution_coefficient": 0.8,
+}  # fmt: skip
+NEAR = {
+    "stiffness": 1.03, "damping": 0.11, "amplitude": 0.97, "frequency": 1.31, "distance": 0.62,
+    "restitution_coefficient": 0.75,
+}  # fmt: skip
+STOP = {
+    "parameters": list(TRUTH), "robust": 2.0,
+    "bounds": {name: "positive" for name in TRUTH} | {"restitution_coefficient": (0, 1)},
+}  # fmt: skip
+
+
+def _impact_times(height, e, g, count):
+    """Times at which a ball dropped from `height` hits the floor."""
+    first = np.sqrt(2 * height / g)
+    return first * np.array([1 + 2 * sum(e**k for k in range(1, n + 1)) for n in range(count)])
+
+
+@pytest.fixture(scope="module")
+def record():
+    """SciPy's motion of the stop, with noise, outliers and gaps."""
+    return read_measurements(RECORD, missing="skip")
+
+
+@pytest.fixture(scope="module")
+def near(record):
+    """A fit from a near guess."""
+    return fit(ElasticStop(**NEAR), record, **STOP)
+
+
+def test_six_parameters_are_recovered_in_few_iterations(near):
+    """Assert that Levenberg-Marquardt finds the truth of SciPy's record within 3 standard errors and 15 iterations."""
+    assert near.converged and near.iterations <= 15
+    for name, value in zip(near.labels, near.values, strict=True):
+        assert abs(value - TRUTH[name]) < 3 * near.standard_errors[name] < 0.1, name
+    assert [event[0] for event in near.sequence_end] == ["impact"] * 5
+
+
+def test_a_growing_horizon_comes_home_from_a_guess_that_loses_the_phase(record, near):
+    """Assert that a guess 30 % off ends at the same minimum by growing, notices new impacts, and directly ends elsewhere."""
+    far = ElasticStop(
+        stiffness=1.3, damping=0.13, amplitude=0.7, frequency=1.1, distance=0.7, restitution_coefficient=0.6
+    )
+    grown = fit(far, record, strategy=GrowingHorizon(), **STOP)
+    np.testing.assert_allclose(grown.values, near.values, rtol=1e-3)
+    assert grown.sequence_changes >= 1 and len(grown.sequence_start) != len(grown.sequence_end) == 5
+    assert fit(far, record, **STOP).loss > 10 * grown.loss
+
+
+def test_what_is_printed_names_the_parameters_and_events(near):
+    """Assert that the report shows values, events and the end of the run."""
+    text = str(near)
+    assert "converged" in text and "restitution_coefficient" in text and "events at the guess: 5 (impact 0" in text
+
+
+def test_the_plot_shows_data_residuals_and_loss(near):
+    """Assert that the figure has three panels, with a dashed line for each of the 5 events."""
+    above, _, _ = near.plot().axes
+    assert sum(line.get_linestyle() == "--" for line in above.lines) == 5
+
+
+def test_a_fit_goes_on_from_an_earlier_one(record, near):
+    """Assert that a fit stopped by its callback, and resumed, ends where the uninterrupted one ends."""
+    first = fit(ElasticStop(**NEAR), record, callback=lambda line: line.number >= 2, **STOP)
+    assert first.stopped == "stopped by the callback" and first.loss > near.loss
+    second = fit(ElasticStop(**NEAR), record, resume=first, **STOP)
+    np.testing.assert_allclose(second.values, near.values, rtol=1e-4)
+
+
+def test_an_interrupted_fit_keeps_its_best_point(record):
+    """Assert that Ctrl-C ends a fit with the best point found so far."""
+
+    def interrupt(line):
+        if line.number == 3:
+            raise KeyboardInterrupt
+
+    result = fit(ElasticStop(**NEAR), record, callback=interrupt, **STOP)
+    assert result.stopped == "interrupted"
+    assert result.loss == min(line.loss for line in result.history) < result.history[0].loss
+
+
+def test_event_times_alone_give_height_and_restitution():
+    """Assert that exact impact times of a dropped ball give its height and restitution, and dt/d(height) = t / (2 height)."""
+    height, e, g = 1.3, 0.7, 9.81
+    times = _impact_times(height, e, g, 4)
+    data = measurements(event_times=times, event_sigma=1e-3)
+    guess = BouncingBall(height=1.1, restitution_coefficient=0.6, weight=g)
+    result = fit(guess, data, parameters=["height", "restitution_coefficient"], t1=2.0,
+                 bounds={"height": "positive", "restitution_coefficient": (0, 1)})  # fmt: skip
+    np.testing.assert_allclose(result.values, [height, e], rtol=1e-6)
+    np.testing.assert_allclose(result.jacobian[:, 0] * 1e-3, times / (2 * height), rtol=1e-5)
+
+
+def test_masses_that_no_motion_shows_are_named():
+    """Assert that for a ball mass and weight have the null direction (1, 1) / sqrt 2: only their ratio is seen."""
+    times = np.linspace(0.05, 0.4, 8)
+    data = measurements(times, 1.0 - 9.81 * times**2 / 2, sigma=0.01)
+    result = fit(BouncingBall(weight=9.0), data, parameters=["mass", "weight"])
+    (direction,) = result.uncertainty.null_directions
+    assert abs(direction["mass"] - direction["weight"]) < 1e-6
+    assert "not determined by the data" in str(result)
+    assert abs(result.values[1] / result.values[0] - 9.81) < 1e-6
+
+
+def test_trial_points_that_fail_are_never_taken():
+    """Assert that steps to an impossible restitution are rejected, counted and explained, and the best point has a motion."""
+    times = _impact_times(1.0, 0.99, 9.81, 3)
+    data = measurements(event_times=times + np.array([0.0, 0.01, 0.05]), event_sigma=1e-3)
+    result = fit(BouncingBall(restitution_coefficient=0.9), data, parameters=["restitution_coefficient"], t1=3.0,
+                 max_iterations=15)  # fmt: skip
+    failed = [line for line in result.history if line.failure]
+    assert failed and all(not line.accepted for line in failed) and result.failures == len(failed)
+    assert "restitution must lie in [0, 1]" in failed[0].failure and "rejected" in str(result)
+    assert 0.9 < result.values[0] <= 1 and np.isfinite(result.loss)
+
+
+def test_a_guess_without_a_motion_is_refused():
+    """Assert that a guess that penetrates its contact is an error that says so."""
+    data = measurements([0.1, 0.2], [0.5, 0.5])
+    with pytest.raises(GuessFailed, match="penetrates"):
+        fit(BouncingBall(height=-1.0), data, parameters=["restitution_coefficient"])
+
+
+def test_times_outside_the_horizon_and_unknown_columns_are_refused():
+    """Assert that both are named before anything is compiled."""
+    with pytest.raises(ValueError, match="must lie in the horizon"):
+        fit(BouncingBall(), measurements([0.1, 2.0], [1.0, 1.0]), t1=1.0)
+    with pytest.raises(ValueError, match="columns must be named q0 ... q0 or v0 ... v0"):
+        fit(BouncingBall(), measurements([0.1], [1.0], names=["height"]))
+
+
+def test_observations_can_be_any_function_of_the_state():
+    """Assert that the energy of a falling ball, as a named observation, gives the drop height by a closed form."""
+    times = np.linspace(0.05, 0.4, 8)
+    speed = 9.81 * times
+    data = {"t": times, "speed": speed, "potential": 9.81 * 1.2 - speed**2 / 2}
+    see = lambda scene, t, q, v: {"potential": scene.weight * q[0], "speed": -v[0]}
+    result = fit(BouncingBall(height=1.0), data, parameters=["height"], observe=see)
+    np.testing.assert_allclose(result.values, [1.2], rtol=1e-7)
+
+
+def test_many_starts_agree_with_one(record, near):
+    """Assert that the best of 4 starts in one compiled run is the minimum that a single good start finds."""
+    several = fit(ElasticStop(**NEAR), record, starts=4, spread=0.05, **STOP)
+    np.testing.assert_allclose(several.values, near.values, rtol=1e-3)
+    assert several.starts is not None and several.starts.z.shape == (4, 6)
+    assert float(jnp.min(several.starts.loss)) <= near.loss * (1 + 1e-6)

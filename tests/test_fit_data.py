@@ -1,0 +1,71 @@
+"""Measurements: every source gives the same record, and what is wrong is named."""
+
+import numpy as np
+import pytest
+
+from hybridsens.study.fit import measurements, read_measurements
+
+TIMES = np.array([0.1, 0.2, 0.4])
+VALUES = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+
+
+def _write(tmp_path, text):
+    path = tmp_path / "record.csv"
+    path.write_text(text)
+    return path
+
+
+def test_every_source_gives_the_same_record(tmp_path):
+    """Assert that a CSV file, pandas, xarray and arrays with the same numbers are read alike."""
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    columns = {"t": TIMES, "q0": VALUES[:, 0], "v0": VALUES[:, 1], "sigma_q0": [0.1] * 3, "sigma_v0": [0.2] * 3}
+    rows = "\n".join(",".join(str(column[i]) for column in columns.values()) for i in range(3))
+    dataset = xarray.Dataset({name: ("t", column) for name, column in columns.items() if name != "t"}, {"t": TIMES})
+    sources = [_write(tmp_path, f"# a comment\n{','.join(columns)}\n{rows}\n"), pandas.DataFrame(columns), dataset, columns]
+    for source in sources:
+        record = read_measurements(source)
+        assert record.names == ("q0", "v0")
+        np.testing.assert_array_equal(record.times, TIMES)
+        np.testing.assert_array_equal(record.values, VALUES)
+        np.testing.assert_array_equal(record.sigmas, [[0.1, 0.2]] * 3)
+
+
+def test_a_data_array_with_two_dimensions_has_numbered_columns():
+    """Assert that an xarray DataArray (time, dof) named q becomes the columns q0 and q1."""
+    xarray = pytest.importorskip("xarray")
+    record = read_measurements(xarray.DataArray(VALUES, dims=("time", "dof"), coords={"time": TIMES}, name="q"))
+    assert record.names == ("q0", "q1")
+    np.testing.assert_array_equal(record.values, VALUES)
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ([0.1, 0.3, 0.2], "sorted in increasing order, but falls back at row 2"),
+        ([0.1, 0.2, 0.2], "free of duplicates, but repeats a time at row 2"),
+        ([0.1, np.nan, 0.2], "finite, but is not at row 1"),
+    ],
+)
+def test_bad_times_are_refused(times, message):
+    """Assert that unsorted, repeated and missing times are named with their row."""
+    with pytest.raises(ValueError, match=message):
+        measurements(times, VALUES)
+
+
+def test_gaps_are_refused_unless_asked_for(tmp_path):
+    """Assert that an empty cell is an error that names column and row, and with `missing="skip"` a NaN."""
+    path = _write(tmp_path, "t,q0\n0.1,1\n0.2,\n0.3,2\n")
+    with pytest.raises(ValueError, match="Column 'q0' must have a value in every row, but is NaN at row 1"):
+        read_measurements(path)
+    assert np.isnan(read_measurements(path, missing="skip").values[1, 0])
+
+
+def test_unknown_columns_and_words_are_refused(tmp_path):
+    """Assert that a column that is not there, and a cell that is no number, are named."""
+    path = _write(tmp_path, "t,q0\n0.1,1\n0.2,two\n")
+    with pytest.raises(ValueError, match="row 1 .counted from 0., column 'q0' must be a number, but is 'two'"):
+        read_measurements(path)
+    with pytest.raises(ValueError, match=r"must have the columns \['force'\]"):
+        read_measurements({"t": TIMES, "q0": VALUES[:, 0]}, columns=["force"])
+    with pytest.raises(ValueError, match="`event_sigma` must be given"):
+        measurements(event_times=[1.0, 2.0])

@@ -1,0 +1,55 @@
+"""The two plain methods that the adjoint is shown beside: naive autodiff, and differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from hybridsens.scenes import BouncingBall
+from hybridsens.study.differences import differences
+from hybridsens.study.naive import naive_motion
+
+T1 = 1.0
+
+
+def _final_height(floor, steps: int):
+    ball = BouncingBall(floor=floor)
+    return naive_motion(ball, ball.initial_state(), t1=T1, steps=steps).final.q[0]
+
+
+def _exact_height(floor, height=1.0, g=9.81, e=0.8):
+    """After one impact, at t_1 = sqrt(2 (height - floor) / g)."""
+    fall = jnp.sqrt(2 * (height - floor) / g)
+    return floor + e * g * fall * (T1 - fall) - g * (T1 - fall) ** 2 / 2
+
+
+def test_the_naive_value_converges_and_its_gradient_does_not():
+    """With 10 times the steps the value gets near the closed form, and the gradient by the floor's height stays 0."""
+    value_and_grad = jax.value_and_grad(_final_height)
+    exact, slope = jax.value_and_grad(_exact_height)(0.0)
+    coarse, fine = (value_and_grad(jnp.array(0.0), steps) for steps in (1000, 10_000))
+    assert abs(fine[0] - exact) < 2e-3 < abs(coarse[0] - exact) < 2e-2
+    assert fine[1] == coarse[1] == 0
+    assert abs(slope) > 0.3
+
+
+def test_naive_running_cost_is_the_integral():
+    """The running cost of a ball in free flight, q, integrates to the closed form at first order in the step."""
+    ball = BouncingBall()
+    motion = naive_motion(ball, ball.initial_state(), t1=0.4, steps=4000, running_cost=lambda s, t, q, v: {"q": q[0]})
+    np.testing.assert_allclose(motion.cost["q"], 0.4 - 9.81 * 0.4**3 / 6, rtol=1e-3)
+
+
+def test_differences_are_of_fourth_order_and_know_where_they_are_one_sided():
+    """The slopes of sin inside its domain, and of x^3 at either end of one, are met to rounding over width."""
+    function = lambda theta: np.sin(theta[0]) + np.where(theta[1] > 1, np.nan, theta[1] ** 3)
+    slopes, one_sided = differences(function, np.array([0.7, 1.0]))
+    np.testing.assert_allclose(slopes, [np.cos(0.7), 3.0], rtol=1e-10)
+    assert one_sided.tolist() == [False, True]
+    mirrored, _ = differences(lambda theta: function(np.array([0.0, -theta[0]])), np.array([-1.0]))
+    np.testing.assert_allclose(mirrored, [-3.0], rtol=1e-10)
+
+
+def test_differences_do_not_hide_a_function_without_values():
+    """Where no side has values, the result is nan and not a number that looks right."""
+    slopes, _ = differences(lambda theta: np.nan, np.ones(1))
+    assert np.isnan(slopes).all()

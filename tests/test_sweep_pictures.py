@@ -1,0 +1,89 @@
+"""Maps and diagrams show what the sweep found, and the command line makes them."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import hybridsens
+from hybridsens.scenes import ElasticStop
+from hybridsens.study.sweep import grid, plot_bifurcation, plot_sweep, sweep
+from hybridsens.study.sweep.plot import border_lines
+
+
+def test_borders_lie_between_points_with_different_sequences():
+    """Assert that the sides of one odd cell, and no others, are drawn."""
+    sequence = np.array([[1, 1, 1], [1, 2, 1], [1, 1, 1]])
+    sides = {tuple(map(tuple, line)) for line in border_lines(np.arange(4.0), np.arange(4.0), sequence)}
+    assert sides == {((1, 1), (1, 2)), ((2, 1), (2, 2)), ((1, 1), (2, 1)), ((1, 2), (2, 2))}
+
+
+def test_a_map_shows_value_both_derivatives_and_needs_two_parameters():
+    """Assert that one map each of J and its two derivatives holds the numbers of the Dataset, and a line has no map."""
+    scene = {"a": jnp.array(1.0), "b": jnp.array(1.0), "c": jnp.array(1.0)}
+    axis = np.linspace(1, 2, 5)
+    found = sweep(lambda s: s["a"] * s["b"] ** 2 + s["c"], grid(scene, {"a": axis, "b": axis[:4]}), progress=False)
+    maps = [axes for axes in plot_sweep(found).axes if axes.get_title()]
+    assert [axes.get_title() for axes in maps] == ["J", "|dJ/d a|", "|dJ/d b|"]
+    np.testing.assert_array_equal(maps[2].collections[0].get_array().reshape(4, 5), abs(found.dJ_db.values.T))
+    with pytest.raises(ValueError, match="must have a grid of two parameters"):
+        plot_sweep(found.isel(a=0))
+
+
+def test_a_bifurcation_diagram_shows_period_one_where_the_motion_repeats():
+    """Assert that without impacts the state once a period is the linear oscillator's, also on the picture."""
+
+    def stroboscope(stop):
+        period = 2 * jnp.pi / stop.frequency
+        ts = period * jnp.arange(30, 33)
+        trajectory = hybridsens.simulate(
+            stop, stop.initial_state(), t1=33.5 * period, ts=ts, max_events=2, max_steps=4096, throw=False
+        )
+        return trajectory.final.q[0], trajectory
+
+    frequencies = np.array([2.0, 2.5, 3.0])
+    far = ElasticStop(distance=10.0, damping=1.0)
+    found = sweep(stroboscope, grid(far, {"frequency": frequencies}), gradient=False, states=True, progress=False)
+    amplitude = 1 / ((1 - frequencies**2) + 1j * frequencies)  # q = Re(amplitude exp(i Omega t))
+    expected = np.repeat(amplitude.real[:, None], 3, axis=1)
+    np.testing.assert_allclose(found.q[..., 0], expected, atol=1e-7)
+    drawn = plot_bifurcation(found).axes[0].lines[0]
+    np.testing.assert_allclose(drawn.get_ydata(), expected.ravel(), atol=1e-7)
+    np.testing.assert_array_equal(drawn.get_xdata(), np.repeat(frequencies, 3))
+    with pytest.raises(ValueError, match="must have the states 'q'"):
+        plot_bifurcation(found.drop_vars("q"), axes=Figure().subplots())
+
+
+def test_the_command_writes_a_dataset_and_a_picture(tmp_path, capsys):
+    """Assert that `hybridsens sweep` gives the same J as the library, says how points ended, and draws the map."""
+    from hybridsens.commands.sweep import sweep as command
+
+    output, picture = tmp_path / "sweep.nc", tmp_path / "map.png"
+    vary = ["amplitude=0.5:1.5:3", "frequency=1.2:1.4:2"]
+    command("elastic-stop", vary, output, plot=picture, t1=5.0, max_events=8, max_steps=256)
+    stop = ElasticStop(amplitude=1.5, frequency=1.2)
+    trajectory = hybridsens.simulate(
+        stop, stop.initial_state(), t1=5.0, running_cost=lambda s, t, q, v: q @ q, max_events=8, max_steps=256
+    )
+    with xr.open_dataset(output) as found:
+        np.testing.assert_allclose(found.J.sel(amplitude=1.5, frequency=1.2), trajectory.cost, rtol=1e-12)
+    assert picture.stat().st_size > 10_000 and "successful" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("vary", "words"),
+    [
+        ("amplitude", "must have the form"),
+        ("amplitude=1:2", "a grid needs NAME=LOW:HIGH:COUNT"),
+        ("a=1:2:2.5", "must have the form"),
+    ],
+)
+def test_the_command_explains_a_bad_range(vary, words, tmp_path):
+    """Assert that a range that cannot be read is refused in one line."""
+    import typer
+
+    from hybridsens.commands.sweep import sweep as command
+
+    with pytest.raises(typer.BadParameter, match=words):
+        command("elastic-stop", [vary], tmp_path / "sweep.nc")

@@ -1,0 +1,63 @@
+"""Global sensitivity against the Ishigami function, whose indices are known in closed form."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hybridsens.study.sweep import dgsm, grid, saltelli, sobol_indices, sweep
+
+SCENE = {"x": jnp.zeros(2), "z": jnp.array(0.0)}
+BOX = {name: (-np.pi, np.pi) for name in ("x[0]", "x[1]", "z")}
+A, B = 7.0, 0.1
+
+
+def ishigami(scene):
+    """sin x + a sin^2 y + b z^4 sin x  (Ishigami and Homma 1990)."""
+    x, y = scene["x"]
+    return jnp.sin(x) + A * jnp.sin(y) ** 2 + B * scene["z"] ** 4 * jnp.sin(x)
+
+
+@pytest.fixture(scope="module")
+def dataset():
+    return sweep(ishigami, saltelli(SCENE, BOX, 4096), progress=False)
+
+
+def test_sobol_indices_are_the_closed_form(dataset):
+    """Assert that first and total orders are within 0.01 of the exact ones, and inside their own intervals."""
+    parts = np.array([(1 + B * np.pi**4 / 5) ** 2 / 2, A**2 / 8, 0.0])
+    joint = B**2 * np.pi**8 * (1 / 18 - 1 / 50)
+    variance = parts.sum() + joint
+    found = sobol_indices(dataset)
+    assert list(found.parameter.values) == list(BOX)
+    exact = {"first_order": parts / variance, "total_order": (parts + joint * np.array([1, 0, 1])) / variance}
+    for order, indices in exact.items():
+        np.testing.assert_allclose(found[order], indices, atol=0.01)
+        low, high = found[f"{order}_interval"].values.T
+        assert (low - 0.01 <= indices).all() and (indices <= high + 0.01).all()
+
+
+def test_derivative_based_measures_are_the_closed_form_and_bound_the_total_indices(dataset):
+    """Assert that E[(dJ/dx)^2] is the exact integral within 2 %, and its bound lies above the total index."""
+    by_x = (1 + 2 * B * np.pi**4 / 5 + B**2 * np.pi**8 / 9) / 2
+    exact = [by_x, A**2 / 2, 16 * B**2 * np.pi**6 / 7 / 2]
+    found = dgsm(dataset)
+    np.testing.assert_allclose(found.nu, exact, rtol=0.02)
+    assert (found.total_order_bound > sobol_indices(dataset).total_order).all()
+
+
+def test_rows_with_a_failed_point_are_left_out_with_a_word(dataset):
+    """Assert that a NaN does not spoil the indices, and is not passed over in silence."""
+    spoiled = dataset.copy(deep=True)
+    spoiled.J[5] = np.nan
+    with pytest.warns(UserWarning, match="1 of 4096 rows"):
+        found = sobol_indices(spoiled)
+    np.testing.assert_allclose(found.first_order, sobol_indices(dataset).first_order, atol=0.01)
+
+
+def test_indices_need_their_design():
+    """Assert that a grid is refused by both."""
+    swept = sweep(ishigami, grid(SCENE, {"z": [0.0, 1.0]}), progress=False)
+    with pytest.raises(ValueError, match="need points of a `saltelli` design"):
+        sobol_indices(swept)
+    with pytest.raises(ValueError, match="must be drawn from a box"):
+        dgsm(swept)

@@ -1,0 +1,134 @@
+"""jit, vmap and grad in any order; one compiled function for any number of events; second derivatives."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+from closeness import assert_close
+
+import hybridsens as hs
+
+T1 = 1.0
+
+
+class Ball(hs.AbstractScene):
+    """A ball that never rests; p = (q0, g, e)."""
+
+    sustained_contact = False
+    p: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -self.p[1:2]
+
+    def gap(self, t, q):
+        return q
+
+    def restitution(self):
+        return self.p[2:3]
+
+
+def height(p, adjoint=None):
+    """Height of the ball at T1."""
+    settings = dict(rtol=1e-9, atol=1e-9, max_events=16, max_steps=400, adjoint=adjoint)
+    return hs.simulate(Ball(p), hs.State(p[:1], jnp.zeros(1)), t1=T1, **settings).final.q[0]
+
+
+def exact(p):
+    """After one bounce."""
+    q0, g, e = p
+    t = jnp.sqrt(2 * q0 / g)
+    return e * jnp.sqrt(2 * g * q0) * (T1 - t) - g * (T1 - t) ** 2 / 2
+
+
+P = jnp.array([1.0, 9.81, 0.8])
+gradient = jax.jit(jax.grad(height))
+LANES = jnp.array([[1.0, 9.81, 0.8], [0.4, 9.81, 0.9], [6.0, 9.81, 0.8], [1.2, 8.0, 0.7]])
+"""One, two, none, and one event."""
+
+
+@pytest.mark.parametrize(
+    "transformed",
+    [
+        jax.jit(jax.vmap(jax.grad(height))),
+        jax.vmap(jax.jit(jax.grad(height))),
+        jax.vmap(jax.grad(jax.jit(height))),
+        jax.grad(lambda lanes: jnp.sum(jax.vmap(height)(lanes))),
+        jax.jit(jax.grad(lambda lanes: jnp.sum(jax.jit(jax.vmap(height))(lanes)))),
+        jax.vmap(jax.jacfwd(lambda p: height(p, hs.ForwardSensitivities()))),
+    ],
+    ids=["jit vmap grad", "vmap jit grad", "vmap grad jit", "grad vmap", "jit grad jit vmap", "vmap jacfwd"],
+)
+def test_transformations_in_any_order(transformed):
+    """Every order gives the gradients that each lane has alone, to 1e-12."""
+    alone = jnp.stack([gradient(p) for p in LANES])
+    assert_close(transformed(LANES), alone, 1e-12)
+    assert_close(transformed(LANES)[0], jax.grad(exact)(P), 1e-9)
+
+
+def test_batched_values_are_unbatched_values():
+    """Times, states and counts of a batch with different numbers of events, lane by lane."""
+
+    def run(p):
+        ts = jnp.linspace(0.0, T1, 5)
+        start = hs.State(p[:1], jnp.zeros(1))
+        return hs.simulate(Ball(p), start, t1=T1, ts=ts, rtol=1e-9, atol=1e-9, max_events=16, max_steps=400)
+
+    alone, batch = jax.jit(run), jax.jit(jax.vmap(run))(LANES)
+    assert batch.events.count.tolist() == [1, 2, 0, 1]
+    for lane, p in enumerate(LANES):
+        single = alone(p)
+        assert_close(batch.q[lane], single.q, 1e-12)
+        assert_close(batch.v[lane], single.v, 1e-12)
+        count = int(single.events.count)
+        assert_close(batch.events.time[lane, :count], single.events.time[:count], 1e-12, scale=T1)
+        assert batch.steps.accepted[lane] == single.steps.accepted
+
+
+def test_one_compilation_serves_any_number_of_events():
+    """Parameters with none, one and two events, and other horizons: traced once, compiled once."""
+    traced = []
+
+    def value(p, t1):
+        traced.append(1)
+        start = hs.State(p[:1], jnp.zeros(1))
+        trajectory = hs.simulate(Ball(p), start, t1=t1, rtol=1e-9, atol=1e-9, max_events=16, max_steps=400)
+        return trajectory.final.q[0], trajectory.events.count
+
+    compiled = jax.jit(value)
+    counts = {int(compiled(p, jnp.asarray(t1))[1]) for p in LANES for t1 in (0.3, 1.0, 2.0)}
+    assert len(counts) >= 4
+    assert len(traced) == 1 and compiled._cache_size() == 1
+
+
+def test_a_plain_call_compiles_once_too():
+    """Without `jit` around it `simulate` keeps its compiled program for new parameter values and horizons."""
+    compilations = []
+
+    def count(event, _, **__):
+        if "backend_compile" in event:
+            compilations.append(event)
+
+    def call(factor, t1):
+        return hs.simulate(Ball(factor * P), hs.State(jnp.ones(1), jnp.zeros(1)), t1=t1, max_events=16, max_steps=400)
+
+    jax.monitoring.register_event_duration_secs_listener(count)
+    call(jnp.array(1.0), 0.4)
+    assert compilations
+    compilations.clear()
+    assert call(jnp.array(1.1), 1.7).events.count > 1
+    assert not compilations
+
+
+@pytest.mark.parametrize(
+    "hessian",
+    [
+        jax.jacfwd(jax.grad(height)),
+        jax.jacfwd(jax.jacfwd(lambda p: height(p, hs.ForwardSensitivities()))),
+    ],
+    ids=["forward over reverse", "forward over forward"],
+)
+def test_second_derivatives(hessian):
+    """Through an impact the Hessian is right too, where a term left out would not show in the gradient."""
+    assert_close(jax.jit(hessian)(P), jax.hessian(exact)(P), 1e-8)

@@ -1,0 +1,79 @@
+"""The study of accuracy against time: errors fall with the tolerance, the front is one, the advice follows from it."""
+
+import csv
+
+import diffrax
+import numpy as np
+import problems
+import pytest
+
+from hybridsens.scenes import ElasticStop
+from hybridsens.study.compare import Reference
+from hybridsens.study.work_precision import Point, WorkPrecision, work_precision
+from hybridsens.study.work_precision_plot import plot_work_precision
+
+ROOM = dict(max_events=16, max_steps=2048, progress=False)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """P2 in the parameters of the scene: mass, stiffness k = omega^2 and damping c = 2 zeta omega by the chain rule.
+
+    m q'' = -k q - c q' + A cos(Omega t) depends on (m, k, c, A) only through ratios, so m J_m = -(k J_k + c J_c + A J_A).
+    """
+    record = problems.RECORDS["P2"]
+    omega, zeta, A, _, _, _ = record["p"]
+    by_omega, by_zeta, by_A, by_Omega, by_d, by_e = (float(entry) for entry in record["dJ"][0])
+    c_slope = by_zeta / (2 * omega)
+    k_slope = (by_omega - 2 * zeta * c_slope) / (2 * omega)
+    m_slope = -(omega**2 * k_slope + 2 * zeta * omega * c_slope + A * by_A)
+    gradient = np.array([m_slope, k_slope, c_slope, by_A, by_Omega, by_d, by_e])
+    return Reference(float(record["J"][0]), gradient)
+
+
+def scene():
+    omega, zeta, A, Omega, d, e = problems.RECORDS["P2"]["p"]
+    return ElasticStop(1.0, omega**2, 2 * zeta * omega, A, Omega, d, e)
+
+
+def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_path, reference):
+    """Each factor of 1000 in the tolerance gains at least 100 in the gradient; the CSV holds the same points."""
+    path = tmp_path / "points.csv"
+    study = work_precision(scene(), tolerances=(1e-5, 1e-8, 1e-11), solvers=[diffrax.Tsit5()], reference=reference, path=path, **ROOM)  # fmt: skip
+    errors = [point.gradient_error for point in study.points]
+    assert errors[1] < errors[0] / 100 and errors[2] < errors[1] / 100
+    with open(path, newline="") as file:
+        assert [float(line["gradient_error"]) for line in csv.DictReader(file)] == errors
+    plot_work_precision(study).savefig(tmp_path / "points.png")
+
+
+def test_float32_is_float32_and_restores_double_precision(reference):
+    """In single precision the gradient is right to 1e-4 and not to 1e-8, and the setting is undone afterwards."""
+    study = work_precision(scene(), tolerances=(1e-5,), solvers=[diffrax.Tsit5()], dtypes=("float32",), reference=reference, **ROOM)  # fmt: skip
+    assert study.points[0].failure == ""
+    assert 1e-8 < study.points[0].gradient_error < 1e-3
+    assert scene().mass.dtype == np.float64
+
+
+def test_a_setting_that_fails_is_a_point_with_its_reason(reference):
+    """Eight steps are too few; the point says so and the advice does not use it."""
+    room = ROOM | dict(max_steps=8)
+    study = work_precision(scene(), tolerances=(1e-8,), solvers=[diffrax.Tsit5()], reference=reference, **room)
+    assert "max_steps" in study.points[0].failure
+    assert study.pareto() == [] and study.recommend(1.0) is None
+
+
+def test_front_and_advice_follow_from_the_points():
+    """Of four points one is beaten in both; the advice is the fastest that is accurate enough, in words."""
+    rows = [(1e-2, 1.0), (1e-5, 2.0), (1e-4, 3.0), (1e-9, 9.0)]
+    points = tuple(Point("Tsit5", "Replay", "float64", 1e-7, error, error, time) for error, time in rows)
+    study = WorkPrecision(points)
+    assert [point.seconds for point in study.pareto()] == [1, 2, 9]
+    assert study.advice(1e-4) == "for gradient error 1e-04 on this scene: Tsit5, rtol 1e-07, Replay: 2e+03 ms"
+    assert "no point reaches it" in study.advice(1e-12)
+
+
+def test_an_unknown_precision_is_refused():
+    """float16 is not one of the two."""
+    with pytest.raises(ValueError, match="float16"):
+        work_precision(scene(), dtypes=("float16",))
