@@ -27,6 +27,8 @@ class Decision(eqx.Module):
     """What else `reset` has to know (which impulses act, say)."""
     grazing: Bool[Array, ""] | bool = False
     """Whether the guard was met so gently that the tolerances cannot tell an event from a near miss."""
+    stays: Bool[Array, ""] | bool = False
+    """Whether the guard would stay at zero, in a system that has no mode for that."""
     hop: Float[Array, ""] | float = float("inf")
     """How soon a guard that is being left may fall again: the first step after the event is no longer than that."""
 
@@ -76,3 +78,8 @@ class AbstractHybridSystem(eqx.Module):
         With the default, 0, a guard is trusted to the last bit."""
         del t, x, mode
         return 0.0, 0.0
+
+    def grazing_depth(self, mode: Mode) -> Float[Array, "guard"] | float:
+        """A minimum of a guard that stays above zero by less than this cannot be told from an event."""
+        del mode
+        return -1.0

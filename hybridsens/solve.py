@@ -231,6 +231,8 @@ def _report(inputs: Inputs, setting: Setting, motion: Motion) -> Reported:
     samples = None
     if inputs.ts is not None:
         samples = sample_states(inputs.system, setting.method.replay_solver(_operations(inputs, setting)), motion, inputs.ts)
+        reached = inputs.ts <= motion.t
+        samples = jnp.where(reached[:, None], samples, jnp.nan)  # a motion that broke off has no states further on
     return Reported(
         motion.x, samples, cut(events.time), cut(events.before), cut(events.after), cut(events.emitted),
         cut(events.guard), cut(events.decision.kind), events.count, motion.mode, motion.status,

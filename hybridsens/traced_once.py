@@ -25,6 +25,9 @@ class TracedOnce(AbstractHybridSystem):
     def scales(self, t, x, mode):
         return self.system.scales(t, x, mode)
 
+    def grazing_depth(self, mode):
+        return self.system.grazing_depth(mode)
+
     def decide(self, event, t, x, mode):
         return _decide(self.system, event, t, x, mode)
 

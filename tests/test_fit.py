@@ -64,7 +64,8 @@ def test_a_growing_horizon_comes_home_from_a_guess_that_loses_the_phase(record, 
 def test_what_is_printed_names_the_parameters_and_events(near):
     """Assert that the report shows values, events and the end of the run."""
     text = str(near)
-    assert "converged" in text and "restitution_coefficient" in text and "events at the guess: 5 (impact 0" in text
+    assert "converged" in text and "restitution_coefficient" in text and "events at the guess:" in text
+    assert "5 (impact 0, impact 0," in text
 
 
 def test_the_plot_shows_data_residuals_and_loss(near):

@@ -17,8 +17,8 @@ def first_falling_root(
     g1: Float[Array, "guard"],
     d1: Float[Array, "guard"],
     noise: Float[Array, "guard"],
-) -> Float[Array, "guard"]:
-    """First s in (0, 1] at which c(s) falls through zero, inf where it does not.
+) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:
+    """First s in (0, 1] at which c(s) falls through zero, and by how much c misses zero; inf where it does neither.
 
     c is the cubic with c(0) = g0 >= 0, c'(0) = d0, c(1) = g1, c'(1) = d1 (rates times the step), known up to `noise`. It is looked at
     inside as well as at its end: a guard that dips below zero and comes back within the step is found too. A minimum
@@ -27,7 +27,9 @@ def first_falling_root(
     """
     below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | (g1 < 0)
     never = jnp.full_like(g0, jnp.inf)
-    return lax.cond(jnp.any(below), lambda: jnp.where(below, _falling_root(g0, d0, g1, d1, noise), never), lambda: never)
+    found = lambda: [jnp.where(below, s, never) for s in _falling_root(g0, d0, g1, d1, noise)]
+    root, miss = lax.cond(jnp.any(below), found, lambda: [never, never])
+    return root, miss
 
 
 def _falling_root(g0, d0, g1, d1, noise):
@@ -43,7 +45,7 @@ def _falling_root(g0, d0, g1, d1, noise):
     root = _monotone_root(value, slope, low, high)
     root = jnp.where(dips | (g1 < 0), root, jnp.inf)
     near_miss = (minimum > 0.01) & (minimum < 0.99) & (g1 >= 0) & ~dips & (value(minimum) < UNSURE * size)
-    return jnp.where(near_miss, minimum, root)
+    return jnp.where(near_miss, minimum, root), jnp.where(near_miss, value(minimum), jnp.inf)
 
 
 def hides_a_dip(

@@ -61,6 +61,8 @@ class LandingState(eqx.Module):
     rejected: Int[Array, ""]
     fired: Int[Array, ""]
     """The guard that the last step landed on."""
+    grazing: Bool[Array, ""]
+    """Whether a guard was missed by less than can be told from an event."""
     finite: Bool[Array, ""]
     """Whether the last candidate was finite."""
 
@@ -88,7 +90,7 @@ class LandingController(diffrax.AbstractStepSizeController):
         rate = jnp.where(start.leaving, jnp.maximum(start.rate, 0), start.rate)
         state = LandingState(
             inner, self.record, jnp.where(start.leaving, 0, jnp.maximum(start.guard, 0)), rate, start.noise,
-            jnp.array(0), self.first_step, self.rejected, jnp.array(-1), jnp.array(True),
+            jnp.array(0), self.first_step, self.rejected, jnp.array(-1), jnp.array(False), jnp.array(True),
         )  # fmt: skip
         return t1, state
 
@@ -104,7 +106,7 @@ class LandingController(diffrax.AbstractStepSizeController):
         # A guard that was just left may be below zero by its rounding while it rises: no crossing.
         rising = (rate >= 0) & (guard < 0) & (guard >= -self.start.rounding)
         end = jnp.where(rising, 0, guard + state.noise)
-        root = first_falling_root(state.guard, state.rate * h, end, rate * h, self.start.rounding)
+        root, miss = first_falling_root(state.guard, state.rate * h, end, rate * h, self.start.rounding)
         unresolved = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
         t_root = t0 + jnp.min(jnp.where(on_guard | unresolved, jnp.inf, root), initial=jnp.inf) * h
         crossed = t_root < self.end - time_resolution(t1, 3)
@@ -133,6 +135,7 @@ class LandingController(diffrax.AbstractStepSizeController):
             free_step=jnp.where(state.cuts > 0, state.free_step, error_control_step),
             rejected=state.rejected + ~keep,
             fired=first_to_fall(on_guard, guard, rate),
+            grazing=state.grazing | (accurate & jnp.any(miss <= system.grazing_depth(mode))),
             finite=jnp.all(jnp.isfinite(y1_candidate)),
         )
         return keep, next_t0, next_t1, False, new, self._result(t0, next_t1, keep, landed, new)

@@ -53,7 +53,7 @@ def solve_segment(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Mo
     guard = jnp.where(at_once, first_to_fall(start.fired, start.guard, start.rate), state.fired)
     motion = Motion(
         solution.ts[0], solution.ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event,
-        motion.grazing, state.rejected, state.free_step, _status(solution.result, state.finite),
+        motion.grazing | state.grazing, state.rejected, state.free_step, _status(solution.result, state.finite),
     )  # fmt: skip
     return motion, SegmentEnd(at_once | landed, guard)
 

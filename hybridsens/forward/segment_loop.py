@@ -57,7 +57,7 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
     reached = Status.where(motion.grazing, Status.grazing, Status.successful)
     ended = Status.where(motion.status == Status.running, reached, motion.status)
     status = Status.where(end.event, motion.status, ended)
-    status = Status.where(end.event & again, Status.contact_stays_closed, status)
+    status = Status.where((end.event & again) | (passes & done.decision.stays), Status.contact_stays_closed, status)
     status = Status.where(end.event & full, Status.max_events_reached, status)
     return Motion(
         t=t,

@@ -51,17 +51,24 @@ def lift_closures(scene: AbstractScene, running_cost: Callable | None, t, state:
     """The scene and the running cost, with every traced value that they close over turned into a leaf."""
     q, v = state.q, state.v
     calls: dict[str, tuple[Callable, tuple[Any, ...]]] = {
-        "mass_matrix": (lambda scene, q: scene.mass_matrix(q), (scene, q)),
-        "force": (lambda scene, t, q, v: scene.force(t, q, v), (scene, t, q, v)),
-        "gap": (lambda scene, t, q: scene.gap(t, q), (scene, t, q)),
-        "restitution": (lambda scene: scene.restitution(), (scene,)),
+        "mass_matrix": (_method("mass_matrix"), (scene, q)),
+        "force": (_method("force"), (scene, t, q, v)),
+        "gap": (_method("gap"), (scene, t, q)),
+        "restitution": (_method("restitution"), (scene,)),
     }
     if running_cost is not None and _hides_tracers(running_cost, (scene, t, q, v)):
-        running_cost = LiftedCost(eqx.filter_closure_convert(running_cost, scene, t, q, v))
+        given_cost = running_cost
+        call = lambda *given: given_cost(*given)  # Equinox leaves a function without a closure as it is
+        running_cost = LiftedCost(eqx.filter_closure_convert(call, scene, t, q, v))
     if any(_hides_tracers(*call) for call in calls.values()):
         lifted = {name: eqx.filter_closure_convert(function, *given) for name, (function, given) in calls.items()}
         scene = LiftedScene(scene, lifted)
     return scene, running_cost
+
+
+def _method(name: str) -> Callable:
+    """The method of a scene as a function that closes over something: Equinox leaves others as they are."""
+    return lambda scene, *given: getattr(scene, name)(*given)
 
 
 def _hides_tracers(function: Callable, arguments) -> bool:

@@ -51,16 +51,18 @@ def decide_transition(
         support = impulse_support(geometry, rate, restitution, struck, mode.speed)
         return support, v + geometry.mobility @ impact_impulse(geometry, rate, restitution, support)
 
+    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)  # lower hops are rounding
+
     if not scene.sustained_contact:
         plastic = jnp.zeros_like(closed)
         support, v_after = impact(plastic)
         hop = _hop(scene, t, q, v_after, gap_acceleration, struck)
-        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, plastic), grazing, hop)
+        stays = (jnp.maximum(-e * rate, 0) <= unseen)[event] & (gap_acceleration[event] < 0)
+        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, plastic), grazing, stays, hop)
 
     # A rebound too slow to matter (or to be seen above the rounding of the gap) is plastic, but only where the
     # contact is pressed together: a grazing contact leaves slowly too, and has to keep its rebound. So the law is
     # applied twice: with every slow contact plastic, and with those of them that were held then.
-    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)
     slow = struck & (e * jnp.maximum(-rate, 0) <= jnp.maximum(capture_speed * fastest, unseen))
 
     def law(_, carry):
@@ -75,7 +77,7 @@ def decide_transition(
     after = _with_selection(mode, selection)
     kind = jnp.where(is_release, EventKind.RELEASE, jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT))
     hop = _hop(scene, t, q, v_after, gap_acceleration, struck & ~after.active)
-    return Decision(after, kind, ImpactDetail(support, plastic), grazing, hop)
+    return Decision(after, kind, ImpactDetail(support, plastic), grazing, hop=hop)
 
 
 def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:

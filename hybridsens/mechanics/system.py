@@ -71,6 +71,11 @@ class MechanicalSystem(AbstractHybridSystem):
         """|G|^T |q| and |G|^T |v|, the largest so far; a multiplier's scale is not known and counts as 0."""
         return jnp.where(mode.active, 0, mode.length), jnp.where(mode.active, 0, mode.speed)
 
+    def grazing_depth(self, mode: ContactMode):
+        """What the tolerances leave of the gap of an open contact."""
+        relative, absolute = self.depth
+        return jnp.where(mode.held, -1, relative * mode.length + absolute)
+
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
         """Impact, capture or release, and who is held after it; see `decide_transition`."""
         q, v, _ = self.split(x)

@@ -16,17 +16,15 @@ from .result import FitResult
 from .starts import Starts
 from .uncertainty import uncertainty
 
-_linearise = eqx.filter_jit(linearise)
-
 
 def assemble(
     problem: Problem, data: Measurements, guess, descents: Sequence[Descent], starts: Starts | None
 ) -> FitResult:
     """The result of the last of these descents; the ones before it were stages."""
     last, selection = descents[-1], problem.selection
-    plain = eqx.tree_at(lambda p: p.robust, problem, None, is_leaf=lambda leaf: leaf is None)
-    r, jacobian, _ = _linearise(plain, last.z)
-    _, _, at_guess = _linearise(plain, guess)
+    plain = eqx.tree_at(lambda p: p.robust, problem, jnp.asarray(jnp.inf))
+    r, jacobian, _ = linearise(plain, last.z)
+    _, _, at_guess = linearise(plain, guess)
     measured = data.values.size + data.event_times.size
     values, by_z = jax.jvp(selection.to_values, (last.z,), (jnp.ones_like(last.z),))
     # A parameter driven onto its bound does not answer to z any more: nothing is known about it.
@@ -34,7 +32,7 @@ def assemble(
     known = np.concatenate([np.ravel(np.isfinite(data.values)), np.ones(data.event_times.size, bool)])
     knowledge = uncertainty(
         selection.labels, values, np.asarray(r)[:measured][known], by_p[known], np.asarray(problem.prior.weight),
-        sigmas_given=data.sigmas is not None or not data.names, robust=problem.robust,
+        sigmas_given=data.sigmas is not None or not data.names, robust=float(problem.robust),
     )  # fmt: skip
     residuals, event_residuals = _in_units(np.asarray(r)[:measured], data)
     scene = problem.scene_at(last.z)

@@ -113,7 +113,8 @@ def _problem(scene, measured: Measurements, parameters, observe, state, bounds, 
     observer = prepare.observer(observe, scene, initial_state(scene), measured.names)
     return Problem(
         scene, selection, initial_state, observer, prepare.observations(measured), prepare.prior(selection, priors),
-        jnp.asarray(float(t0)), jnp.asarray(end), jnp.asarray(prepare.sigma_unit(measured)), robust, numerics,
+        jnp.asarray(float(t0)), jnp.asarray(end), jnp.asarray(prepare.sigma_unit(measured)),
+        jnp.asarray(jnp.inf if robust is None else float(robust)), numerics,
     )  # fmt: skip
 
 

@@ -39,6 +39,7 @@ def loss_and_gradient(problem, z) -> tuple[Float[Array, ""], Float[Array, "unkno
     return value, gradient, trial._replace(failed=trial.failed | ~jnp.all(jnp.isfinite(gradient)))
 
 
+@eqx.filter_jit
 def start(optimizer: optax.GradientTransformation, problem, z) -> tuple[Carry, Outcome]:
     """An optimizer that knows value and gradient at z."""
     loss, gradient, trial = loss_and_gradient(problem, z)
@@ -47,6 +48,7 @@ def start(optimizer: optax.GradientTransformation, problem, z) -> tuple[Carry, O
     return Carry(z, optimizer.init(z), loss, gradient, jnp.ones(())), outcome
 
 
+@eqx.filter_jit
 def step(optimizer: optax.GradientTransformation, problem, carry: Carry) -> tuple[Carry, Outcome]:
     """One iteration. A trial point that failed is not taken, and the next update is half as long."""
     z, state, loss, gradient, shrink = carry

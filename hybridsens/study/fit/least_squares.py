@@ -69,6 +69,7 @@ class Carry(NamedTuple):
     """The Optimistix solver's own state."""
 
 
+@eqx.filter_jit
 def linearise(problem, z) -> tuple[Float[Array, "residual"], Float[Array, "residual unknown"], Trial]:
     """Residuals, their Jacobian by forward sensitivities, and what happened; failed if any of them is not finite."""
 
@@ -96,11 +97,17 @@ def start(solver: optimistix.AbstractGaussNewton, problem, z, damping: float = 1
 def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry) -> tuple[Carry, Outcome]:
     """One iteration. A trial point that failed has large finite residuals, so that it is rejected."""
     r, jacobian, trial = linearise(problem, carry.state.y_eval)
+    return _advance(solver, carry, _guarded(carry, r, jacobian, trial))
+
+
+@eqx.filter_jit
+def _guarded(carry: Carry, r, jacobian, trial: Trial) -> "_Linear":
     penalty = 10 * (1 + jnp.max(jnp.abs(carry.state.f_info.residual)))
     r, jacobian = jnp.where(trial.failed, penalty, r), jnp.where(trial.failed, 0, jacobian)
-    return _advance(solver, carry, _Linear(r, jacobian, carry.state.y_eval, trial))
+    return _Linear(r, jacobian, carry.state.y_eval, trial)
 
 
+@eqx.filter_jit
 def _advance(solver, carry: Carry, fn: "_Linear") -> tuple[Carry, Outcome]:
     z, new, _ = solver.step(fn, carry.z, None, _OPTIONS, carry.state, _TAGS)
     accepted = new.num_accepted_steps > carry.state.num_accepted_steps

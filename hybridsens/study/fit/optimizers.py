@@ -22,21 +22,11 @@ class Method(eqx.Module):
 
     def start(self, problem, z) -> tuple[Any, Outcome]:
         """Value and derivative at z, and the optimizer's first state."""
-        return _start(self, problem, z)
+        return self._steps.start(self.optimizer, problem, z)
 
     def step(self, problem, carry) -> tuple[Any, Outcome]:
         """One iteration, compiled once for all problems of one structure."""
-        return _step(self, problem, carry)
-
-
-@eqx.filter_jit
-def _start(method: Method, problem, z):
-    return method._steps.start(method.optimizer, problem, z)
-
-
-@eqx.filter_jit
-def _step(method: Method, problem, carry):
-    return method._steps.step(method.optimizer, problem, carry)
+        return self._steps.step(self.optimizer, problem, carry)
 
 
 @functools.cache

@@ -81,8 +81,8 @@ class Problem(eqx.Module):
     """Motions end here, and later measurements have no weight."""
     sigma_unit: Float[Array, ""]
     """How large a residual of one sigma is: 1 where sigmas were given."""
-    robust: float | None
-    """Residuals beyond this (in sigmas) count linearly (pseudo-Huber); None: all count squared."""
+    robust: Float[Array, ""]
+    """Residuals beyond this (in sigmas) count linearly (pseudo-Huber); inf: all count squared."""
     numerics: Numerics
 
     def scene_at(self, z: Float[Array, "parameter"]):
@@ -130,6 +130,4 @@ class Problem(eqx.Module):
 
     def _limited(self, r):
         """Residuals whose squares are c^2 (2 sqrt(1 + (r/c)^2) - 2): large ones count linearly."""
-        if self.robust is None:
-            return r
         return r * jnp.sqrt(2 / (1 + jnp.sqrt(1 + (r / self.robust) ** 2)))

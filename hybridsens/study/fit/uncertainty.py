@@ -27,19 +27,19 @@ class Uncertainty(NamedTuple):
 
 
 def uncertainty(
-    labels: Sequence[str], values, residuals, jacobian, prior_weight, *, sigmas_given: bool, robust: float | None
+    labels: Sequence[str], values, residuals, jacobian, prior_weight, *, sigmas_given: bool, robust: float = np.inf
 ) -> Uncertainty:
     """Uncertainty from plain data residuals r (in sigmas) and their Jacobian J = dr/dp.
 
     With known sigmas s = 1, otherwise s^2 = sum psi(r)^2 / (n - p) / mean(psi')^2, where psi(r) = r, or
-    r / sqrt(1 + (r/c)^2) for a robust fit (Huber's covariance of an M-estimator, also used with known sigmas then).
+    r / sqrt(1 + (r/c)^2) for a robust fit with finite c (Huber's covariance of an M-estimator, also used with known sigmas then).
     """
     r, J, p = np.asarray(residuals), np.asarray(jacobian), np.asarray(values)
-    weight = 1.0 if robust is None else (1 + (r / robust) ** 2) ** -0.5
+    weight = (1 + (r / robust) ** 2) ** -0.5
     freedom = max(r.size - p.size, 1)
     variance = np.sum((r * weight) ** 2) / freedom / np.mean(weight**3) ** 2
     noise = float(np.sqrt(variance))
-    used = 1.0 if sigmas_given and robust is None else variance
+    used = 1.0 if sigmas_given and np.isinf(robust) else variance
     rows = np.vstack([J / np.sqrt(used if used > 0 else 1.0), np.diag(prior_weight)])
     size = np.where(p == 0, 1.0, np.abs(p))
     covariance, null = _inverse(rows * size)

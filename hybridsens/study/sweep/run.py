@@ -37,8 +37,8 @@ def sweep(
 ) -> "xr.Dataset":
     """Value J and gradient dJ/d(parameter) at many points, on all devices of the machine, with status and events.
 
-    A point that fails is marked in `status` and has NaN as J and gradient (at a grazing point the gradient alone is NaN);
-    it does not stop the others.
+    A point that fails is marked in `status` and has NaN as J and gradient; it does not stop the others. At a grazing
+    point the gradient alone is NaN.
 
     Arguments:
 
