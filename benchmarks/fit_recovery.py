@@ -1,4 +1,5 @@
-"""Does a fit recover the truth, and do its intervals cover it? The elastic stop's six parameters from 100 noisy records.
+"""Does a fit recover the truth, and do its intervals cover it? The elastic stop's six parameters from 100 noisy
+records.
 
 Each record has 200 samples of the position over 5 impacts, with noise of 1 % of the amplitude. Each guess is off by up
 to 30 % in every parameter (`--guess corner`: by exactly 30 %, with random signs).
@@ -20,7 +21,8 @@ from hybridsens.scenes import ElasticStop  # noqa: E402
 from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit, measurements  # noqa: E402
 
 TRUTH = {
-    "stiffness": 1.0, "damping": 0.1, "amplitude": 1.0, "frequency": 1.3, "distance": 0.6, "restitution_coefficient": 0.8,
+    "stiffness": 1.0, "damping": 0.1, "amplitude": 1.0, "frequency": 1.3, "distance": 0.6, "restitution_coefficient":
+    0.8,
 }  # fmt: skip
 BOUNDS = {name: "positive" for name in TRUTH} | {"restitution_coefficient": (0, 1)}
 TIMES = np.linspace(0.1, 20.0, 200)

@@ -51,7 +51,9 @@ def compare(name: str, count: int, chain_count: int) -> None:
         assert int(found.status.max()) == 0, "some points failed"
         return np.stack([found[f"dJ_d{key}"].values for key in names], -1)
 
-    chain_gradient = jax.jit(jax.vmap(jax.value_and_grad(lambda p: diffrax_chain.cost(name, p, 1e-8, max_events=8))))
+    # The chain is as long as the points need, and no longer.
+    most = int(sweep(cost, batch, events=0, progress=False).event_count.max())
+    chain_gradient = jax.jit(jax.vmap(jax.value_and_grad(lambda p: diffrax_chain.cost(name, p, 1e-8, max_events=most))))
 
     def chain():
         return np.asarray(chain_gradient(jnp.asarray(values[:chain_count]))[1])

@@ -15,7 +15,8 @@ def map_lanes_on_cpu(function: Callable, one_lane: Callable | None = None) -> Ca
     """`function` of PyTrees of arrays returning (result, scratch); under `jax.vmap` on a CPU, lanes are mapped.
 
     A batch does not keep the scratch of its lanes: zeros stand in its place, without a batch axis. `one_lane(batched,
-    *arguments)` replaces `function` for the lanes of a batch; `batched` says for each argument whether any of it has a batch axis, so
+    *arguments)` replaces `function` for the lanes of a batch; `batched` says for each argument whether any of it has
+    a batch axis, so
     that a scratch that was not kept can be told from one that was.
     """
     if jax.default_backend() != "cpu":

@@ -46,7 +46,8 @@ def simulate(
 
         M(q) v' = F(t, q, v) + G lambda,   0 <= lambda _|_ Phi(t, q) >= 0,   Newton's law at impacts     (1.1)-(1.7)
 
-    Write the cost J in plain JAX on what is returned; `eqx.filter_grad(J)(scene)` is then dJ/d(scene), with the adjoint's
+    Write the cost J in plain JAX on what is returned; `eqx.filter_grad(J)(scene)` is then dJ/d(scene), with the
+    adjoint's
     jump conditions (T8)-(T10) applied at every event. Gradients reach the leaves of the scene and of the running cost,
     the initial state, t0, t1 and ts, under `jax.jit` and `jax.vmap` in any order.
 
@@ -58,15 +59,18 @@ def simulate(
     - `ts`: sorted times in [t0, t1] at which states are wanted; at an event's time, the state after it.
     - `running_cost`: `running_cost(scene, t, q, v)`, a scalar or a PyTree; its integral comes back as `.cost`. It is
       integrated as part of the state, under the same error control.
-    - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default. Explicit ones are run with their stages unrolled.
+    - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default. Explicit ones are run with
+      their stages unrolled.
     - `rtol`, `atol`: tolerances of the error control per step.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
-    - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of impacts:
+    - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of
+      impacts:
       the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default, reverse mode) or `ForwardSensitivities()` (forward mode).
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (per lane of a batch).
 
-    Raises: ValueError or TypeError for what does not fit (shapes, types); `SimulationError` for what only the values show.
+    Raises: ValueError or TypeError for what does not fit (shapes, types); `SimulationError` for what only the values
+    show.
     """
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
     _check_settings(max_events, max_steps, solver, adjoint, rtol, atol, capture_speed)
@@ -83,8 +87,9 @@ def simulate(
 @eqx.filter_jit
 def _simulate(system: MechanicalSystem, state: State, t0, t1, ts, method: Method, adjoint) -> Trajectory:
     cost_shape = None
-    if system.running_cost is not None:
-        cost_shape = jax.eval_shape(lambda: system.running_cost(system.scene, t0, state.q, state.v))
+    running_cost = system.running_cost
+    if running_cost is not None:
+        cost_shape = jax.eval_shape(lambda: running_cost(system.scene, t0, state.q, state.v))
     z = jnp.zeros(sum(leaf.size for leaf in jax.tree.leaves(cost_shape)), state.q.dtype)
     x0 = jnp.concatenate([state.q, state.v, z])
     mode = jax.lax.stop_gradient(initial_mode(system.scene, t0, state.q, state.v, method.atol))
@@ -125,7 +130,14 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) ->
     if reported.emitted.shape[-1] > 0:
         speeds = jax.vmap(closing_speed)(time, before.q, before.v, reported.guard, kind)
     events = Events(
-        reported.time, kind, reported.guard, before, after, reported.emitted, jnp.where(happened, speeds, 0), reported.count
+        reported.time,
+        kind,
+        reported.guard,
+        before,
+        after,
+        reported.emitted,
+        jnp.where(happened, speeds, 0),
+        reported.count,
     )
     samples = (None, None) if reported.samples is None else system.split(reported.samples)[:2]
     return Trajectory(
@@ -173,7 +185,9 @@ def _check_settings(max_events, max_steps, solver, adjoint, rtol, atol, capture_
     if solver is not None and not isinstance(solver, diffrax.AbstractAdaptiveSolver):
         raise TypeError(f"`solver` must be a Diffrax solver with an error estimate, but is {type(solver).__name__}.")
     if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
-        raise TypeError(f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {type(adjoint).__name__}.")
+        raise TypeError(
+            f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {type(adjoint).__name__}."
+        )
     for name, value in (("rtol", rtol), ("atol", atol)):
         if isinstance(value, jax.Array):
             continue  # one compiled function for every tolerance; the step size control copes with any value
@@ -210,7 +224,8 @@ def _raise_unless_successful(trajectory: Trajectory) -> Trajectory:
 
 @jax.custom_jvp
 def _without_tangent(number):
-    """An integer that a check may look at in the middle of differentiation (checks have no rule for its empty tangent)."""
+    """An integer that a check may look at in the middle of differentiation (checks have no rule for its empty
+    tangent)."""
     return number
 
 

@@ -173,7 +173,8 @@ def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Re
     dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
 
     def lane(dynamic, motion, bar):
-        return _backward_lane(*eqx.combine(dynamic, static), motion, bar, how), None
+        inputs, setting = eqx.combine(dynamic, static)
+        return _backward_lane(inputs, setting, motion, bar, how), None
 
     def lane_of_batch(batched, dynamic, motion, bar):
         inputs_batched, motion_batched, _ = batched
@@ -230,7 +231,9 @@ def _report(inputs: Inputs, setting: Setting, motion: Motion) -> Reported:
     cut = lambda rows: jax.tree.map(lambda leaf: leaf[:room], rows)
     samples = None
     if inputs.ts is not None:
-        samples = sample_states(inputs.system, setting.method.replay_solver(_operations(inputs, setting)), motion, inputs.ts)
+        samples = sample_states(
+            inputs.system, setting.method.replay_solver(_operations(inputs, setting)), motion, inputs.ts
+        )
         reached = inputs.ts <= motion.t
         samples = jnp.where(reached[:, None], samples, jnp.nan)  # a motion that broke off has no states further on
     return Reported(

@@ -21,7 +21,8 @@ class Steps(NamedTuple):
 
 
 class Events(eqx.Module):
-    """The events in the order of time, padded to `max_events`. Rows beyond `count` have time inf, and zeros elsewhere."""
+    """The events in the order of time, padded to `max_events`. Rows beyond `count` have time inf, and zeros
+    elsewhere."""
 
     time: Float[Array, "*batch event"]
     """When [s]."""

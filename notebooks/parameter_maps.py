@@ -39,9 +39,7 @@ def cost(scene):
     return trajectory.cost, trajectory
 
 
-design = grid(
-    ElasticStop(), {"amplitude": np.linspace(0.5, 1.5, POINTS), "frequency": np.linspace(1.0, 2.0, POINTS)}
-)
+design = grid(ElasticStop(), {"amplitude": np.linspace(0.5, 1.5, POINTS), "frequency": np.linspace(1.0, 2.0, POINTS)})
 units = {"amplitude": "N", "frequency": "rad/s", "J": "m2 s"}
 dataset = sweep(cost, design, units=units, progress=not SMALL)
 dataset

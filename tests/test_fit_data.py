@@ -21,7 +21,12 @@ def test_every_source_gives_the_same_record(tmp_path):
     columns = {"t": TIMES, "q0": VALUES[:, 0], "v0": VALUES[:, 1], "sigma_q0": [0.1] * 3, "sigma_v0": [0.2] * 3}
     rows = "\n".join(",".join(str(column[i]) for column in columns.values()) for i in range(3))
     dataset = xarray.Dataset({name: ("t", column) for name, column in columns.items() if name != "t"}, {"t": TIMES})
-    sources = [_write(tmp_path, f"# a comment\n{','.join(columns)}\n{rows}\n"), pandas.DataFrame(columns), dataset, columns]
+    sources = [
+        _write(tmp_path, f"# a comment\n{','.join(columns)}\n{rows}\n"),
+        pandas.DataFrame(columns),
+        dataset,
+        columns,
+    ]
     for source in sources:
         record = read_measurements(source)
         assert record.names == ("q0", "v0")

@@ -69,19 +69,21 @@ def test_uncertainty_of_a_straight_line_is_the_textbook_one():
 
 
 def test_a_robust_fit_of_many_normal_residuals_has_nearly_the_plain_errors():
-    """Assert that Huber's covariance with a far threshold equals the plain one, and costs a few percent with a near one."""
+    """Assert that Huber's covariance with a far threshold equals the plain one, and costs a few percent with a near
+    one."""
     random = np.random.default_rng(2)
     jacobian, r = random.normal(size=(4000, 2)), random.normal(size=4000)
-    errors = lambda robust=np.inf: uncertainty(
-        ("a", "b"), [1.0, 1.0], r, jacobian, np.zeros(2), sigmas_given=False, robust=robust
-    ).standard_errors
+    errors = lambda robust=np.inf: (
+        uncertainty(("a", "b"), [1.0, 1.0], r, jacobian, np.zeros(2), sigmas_given=False, robust=robust).standard_errors
+    )
     np.testing.assert_allclose(errors(1e6), errors(), rtol=1e-9)
     np.testing.assert_allclose(errors(2.0), errors(), rtol=0.1)
     assert np.all(errors(2.0) != errors())
 
 
 def test_a_direction_without_information_is_named():
-    """Assert that parameters that only enter as a product have the null direction (1, -1) / sqrt 2 in relative change."""
+    """Assert that parameters that only enter as a product have the null direction (1, -1) / sqrt 2 in relative
+    change."""
     a, b = 2.0, 5.0
     jacobian = np.outer(np.linspace(1, 2, 10), [b, a])
     known = uncertainty(("a", "b"), [a, b], np.ones(10), jacobian, np.zeros(2), sigmas_given=True)

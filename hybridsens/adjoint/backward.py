@@ -47,8 +47,10 @@ def pull_back(
 ) -> Gradient:
     """Gradient of a cost with the cotangents `bar`.
 
-    Between events psi is carried back over the recorded steps, psi' = -f_x^T psi (T7); (T8)-(T10) at the events. `parameters` and
-    `static` are the two halves of the system, `start` is (t0, x0); `moving_ends` says whether t0 and t1 are differentiated by.
+    Between events psi is carried back over the recorded steps, psi' = -f_x^T psi (T7); (T8)-(T10) at the events.
+    `parameters` and
+    `static` are the two halves of the system, `start` is (t0, x0); `moving_ends` says whether t0 and t1 are
+    differentiated by.
     """
     system = eqx.combine(parameters, static)
     events = motion.events

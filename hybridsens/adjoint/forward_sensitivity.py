@@ -1,6 +1,7 @@
 """Forward sensitivities: variations of everything recorded, by the recorded steps and the saltation matrices (T6).
 
-They are the derivative rule of the segment loop in forward mode, so `jax.jvp`, `jax.jacfwd` and forward-over-reverse second
+They are the derivative rule of the segment loop in forward mode, so `jax.jvp`, `jax.jacfwd` and forward-over-reverse
+second
 derivatives all pass through here.
 """
 
@@ -55,7 +56,9 @@ def push_forward(parameters, static, solver: diffrax.AbstractSolver, motion: Mot
         dx, variation = _through_event(parameters, static, motion, j, last, d_parameters, dx, variation)
         return j + 1, dx, variation
 
-    _, dx, variation = lax.while_loop(lambda carry: carry[0] <= events.count, one_segment, (jnp.array(0), dx, variation))
+    _, dx, variation = lax.while_loop(
+        lambda carry: carry[0] <= events.count, one_segment, (jnp.array(0), dx, variation)
+    )
     final = dx + system.flow(t1, motion.x, motion.mode) * dt1
     last = motion.steps.count
     return variation._replace(

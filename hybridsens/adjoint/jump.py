@@ -1,8 +1,10 @@
 """Variations across one event: what (T5)-(T10) say, without their algebra.
 
 Seen from a fixed time t_k, a varied motion reaches the guard at t_k + dt. So the map from the state before to the
-state after, both at t_k, is: move on by dt with the flow before, reset, move back by dt with the flow after. Its JVP is the
-saltation matrix, its VJP the adjoint jump condition, and what is reported of the event gets its derivative from the same
+state after, both at t_k, is: move on by dt with the flow before, reset, move back by dt with the flow after. Its JVP
+is the
+saltation matrix, its VJP the adjoint jump condition, and what is reported of the event gets its derivative from the
+same
 lines.
 """
 

@@ -19,7 +19,8 @@ class ContinuousCostate(AbstractGradientMethod):
     """Reverse mode by the paper's adjoint equation psi' = -f_x^T psi (T7), integrated backward with its own tolerances.
 
     Differs from the derivative of the computed motion by the tolerances of both passes. `state` says where the motion
-    comes from on the way back: "recorded" (steps of the solver from the recorded ones) or "backward" (integrated backward from the end
+    comes from on the way back: "recorded" (steps of the solver from the recorded ones) or "backward" (integrated
+    backward from the end
     of every recorded step, cheaper, and unstable over a step where the motion is strongly dissipative).
     """
 
@@ -43,13 +44,15 @@ class DiffraxAdjoint(AbstractGradientMethod):
     def __check_init__(self):
         if isinstance(self.adjoint, diffrax.BacksolveAdjoint | diffrax.ForwardMode):
             raise ValueError(
-                f"`adjoint` must be one of Diffrax's discrete adjoints, but is {type(self.adjoint).__name__}. For backward "
-                'integration use ContinuousCostate(state="backward"), for forward mode ForwardSensitivities().'
+                f"`adjoint` must be one of Diffrax's discrete adjoints, but is {type(self.adjoint).__name__}. "
+                'For backward integration use ContinuousCostate(state="backward"), '
+                "for forward mode ForwardSensitivities()."
             )
 
 
 class ForwardSensitivities(AbstractGradientMethod):
     """Forward mode: variations carried along the recorded steps, by saltation matrices (T6) through the events.
 
-    Serves `jax.jvp`, `jax.jacfwd` and their nesting. Costs one tangent pass per direction, and no memory beyond the record.
+    Serves `jax.jvp`, `jax.jacfwd` and their nesting. Costs one tangent pass per direction, and no memory beyond the
+    record.
     """

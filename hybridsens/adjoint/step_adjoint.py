@@ -39,6 +39,7 @@ def _diffrax_step(solver, adjoint: diffrax.AbstractAdjoint, system, mode, t0, t1
     solution = diffrax.diffeqsolve(
         TERM, solver, t0, t1, t1 - t0, x0, args, stepsize_controller=fixed, adjoint=adjoint, max_steps=4, throw=False
     )
+    assert solution.ys is not None
     return solution.ys[-1]
 
 
@@ -47,7 +48,9 @@ def _continuous_costate(method: ContinuousCostate, solver) -> StepAdjoint:
         """psi' = -f_x^T psi, and dJ/dtheta gathers f_theta^T psi, from t1 down to t0 (T7)."""
 
         def state_at(t, x):
-            return x if method.state == "backward" else one_step(solver, eqx.combine(parameters, static), mode, t0, t, x0)
+            return (
+                x if method.state == "backward" else one_step(solver, eqx.combine(parameters, static), mode, t0, t, x0)
+            )
 
         def backward(s, y, _):
             x, psi, _ = y

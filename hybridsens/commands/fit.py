@@ -16,9 +16,7 @@ def fit(
     parameters: Annotated[str, typer.Option(help="What to fit: a,b,...")],
     columns: Annotated[str, typer.Option(help="Columns to use: q0,v0,... Default: all.")] = "",
     guess: Annotated[list[str] | None, typer.Option(help="NAME=VALUE, the scene's default otherwise.")] = None,
-    bound: Annotated[
-        list[str] | None, typer.Option(help="NAME=LO:HI, an end may be empty; NAME=positive.")
-    ] = None,
+    bound: Annotated[list[str] | None, typer.Option(help="NAME=LO:HI, an end may be empty; NAME=positive.")] = None,
     optimizer: Annotated[
         str, typer.Option(help="levenberg-marquardt, gauss-newton, lbfgs or adam.")
     ] = "levenberg-marquardt",

@@ -6,7 +6,6 @@ from jaxtyping import Array, Float
 
 from ..precision import rounding
 
-
 UNSURE = 0.01
 """How far a guard's cubic may be from the guard itself, relative to the end values that it is made from."""
 
@@ -20,7 +19,8 @@ def first_falling_root(
 ) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:
     """First s in (0, 1] at which c(s) falls through zero, and by how much c misses zero; inf where it does neither.
 
-    c is the cubic with c(0) = g0 >= 0, c'(0) = d0, c(1) = g1, c'(1) = d1 (rates times the step), known up to `noise`. It is looked at
+    c is the cubic with c(0) = g0 >= 0, c'(0) = d0, c(1) = g1, c'(1) = d1 (rates times the step), known up to
+    `noise`. It is looked at
     inside as well as at its end: a guard that dips below zero and comes back within the step is found too. A minimum
     that stays above zero by less than the cubic can tell is returned as well: a step that ends there decides. Most
     steps are let through by a glance: a cubic lies in the hull of its four Bezier points.
@@ -58,7 +58,8 @@ def hides_a_dip(
     """Whether a step is so long for one of its guards that the cubic could be missing a dip below zero.
 
     The error control knows nothing of a guard that depends on time (free flight over a shaking table is exact at any
-    step). What a guard's third derivative does over the step, |g1 - g0 - (d0 + d1) / 2|, must stay below the cubic itself.
+    step). What a guard's third derivative does over the step, |g1 - g0 - (d0 + d1) / 2|, must stay below the cubic
+    itself.
     """
     bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
     a, b = 3 * (g1 - g0) - 2 * d0 - d1, d0 + d1 - 2 * (g1 - g0)

@@ -1,6 +1,7 @@
 """Any explicit Runge-Kutta method of Diffrax, with its stages arranged for XLA.
 
-Diffrax runs the stages of a step in a loop of its own. Written out, a small flow's stages fuse into straight arithmetic; a
+Diffrax runs the stages of a step in a loop of its own. Written out, a small flow's stages fuse into straight
+arithmetic; a
 large flow is better traced once and run in a plain loop, since compile time grows with every copy of it.
 """
 
@@ -29,6 +30,12 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
 
+    @property
+    def tableau(self) -> diffrax.ButcherTableau:
+        tableau = self.solver.tableau
+        assert isinstance(tableau, diffrax.ButcherTableau)  # an explicit method has no second one
+        return tableau
+
     def order(self, terms):
         return self.solver.order(terms)
 
@@ -40,11 +47,11 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
 
     def init(self, terms, t0, t1, y0, args):
         del t1
-        return terms.vf(t0, y0, args) if self.solver.tableau.fsal else None
+        return terms.vf(t0, y0, args) if self.tableau.fsal else None
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump  # every segment starts with `init`
-        tableau = self.solver.tableau
+        tableau = self.tableau
         system, mode = args
         h = t1 - t0
         first = solver_state if tableau.fsal else terms.vf(t0, y0, args)
@@ -56,10 +63,9 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         error = h * _combine(tableau.b_error, [*stages, last] if tableau.fsal else stages)
         return y1, error, dict(y0=y0, y1=y1), last, diffrax.RESULTS.successful
 
-
     def advance(self, system, mode, t0, t1, y0):
         """The state after one step and nothing else: what a recorded step is replayed with."""
-        tableau = self.solver.tableau
+        tableau = self.tableau
         h = t1 - t0
         rows = tableau.a_lower[:-1] if tableau.fsal else tableau.a_lower
         run = _stages_written_out if self.unrolled else _stages_in_a_loop
@@ -68,7 +74,8 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
 
 
 def _weights(tableau):
-    """Weights of the stages that the new state is made from; a first-same-as-last tableau's last stage is not among them."""
+    """Weights of the stages that the new state is made from; a first-same-as-last tableau's last stage is not among
+    them."""
     return tableau.b_sol[:-1] if tableau.fsal else tableau.b_sol
 
 

@@ -1,7 +1,8 @@
 """Step size control that ends a step on the first event inside it.
 
 An event located on dense output costs several digits of the gradient. Landing costs none: when a candidate
-step crosses a guard, it is rejected and the step is proposed that ends at the root of the guard's cubic; two or three repeats
+step crosses a guard, it is rejected and the step is proposed that ends at the root of the guard's cubic; two or
+three repeats
 end on the guard to rounding, by true steps of the solver.
 """
 

@@ -48,11 +48,12 @@ def solve_segment(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Mo
         max_steps=None,
         throw=False,
     )
-    state: LandingState = solution.controller_state
+    state, ts, ys = solution.controller_state, solution.ts, solution.ys
+    assert isinstance(state, LandingState) and ts is not None and ys is not None
     landed = solution.result == diffrax.RESULTS.event_occurred
     guard = jnp.where(at_once, first_to_fall(start.fired, start.guard, start.rate), state.fired)
     motion = Motion(
-        solution.ts[0], solution.ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event,
+        ts[0], ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event,
         motion.grazing | state.grazing, state.rejected, state.free_step, _status(solution.result, state.finite),
     )  # fmt: skip
     return motion, SegmentEnd(at_once | landed, guard)

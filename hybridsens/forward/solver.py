@@ -53,7 +53,8 @@ def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, operat
     """The caller's solver, ready for one step at a time of a flow of so many operations.
 
     Explicit tableaus are run by stages of our own. An implicit solver's root finder gets the tolerances of the step
-    size control (as `diffeqsolve` would give it). `loop` is how a solver of Diffrax runs its own stages: "lax" going forward,
+    size control (as `diffeqsolve` would give it). `loop` is how a solver of Diffrax runs its own stages: "lax" going
+    forward,
     "bounded" where the step is differentiated.
     """
     if isinstance(solver, diffrax.AbstractERK):
@@ -82,7 +83,7 @@ def _count(jaxpr) -> int:
 
 
 def _with_tolerances(solver, rtol, atol):
-    inherit = diffrax.VeryChord().rtol  # Diffrax's sentinel for "as the step size controller"
+    inherit = diffrax.Kvaerno5().root_finder.rtol  # Diffrax's sentinel for "as the step size controller"
     tolerances = dict(rtol=rtol, atol=atol, norm=optx.rms_norm)
     names = [name for name in tolerances if getattr(solver.root_finder, name) is inherit]
     return eqx.tree_at(

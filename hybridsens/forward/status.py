@@ -13,20 +13,21 @@ class Status(eqx.Enumeration):
         "`capture_speed` so that the cascade ends in sustained contact."
     )
     max_steps_reached = (
-        "the motion needed more steps than `max_steps`. Raise `max_steps`, loosen `rtol` and `atol`, or use an implicit "
-        "solver if the forces are stiff."
+        "the motion needed more steps than `max_steps`. Raise `max_steps`, loosen `rtol` and `atol`, or use an "
+        "implicit solver if the forces are stiff."
     )
     step_size_underflow = (
         "the step size fell below the resolution of time. The forces may be stiff or singular near the last time "
         "reached; `rtol` and `atol` may be too tight for the floating point type."
     )
     non_finite = (
-        "a state or a force is not finite. Look at the force, mass matrix, gap and running cost at the last time reached."
+        "a state or a force is not finite. Look at the force, mass matrix, gap and running cost at the last time "
+        "reached."
     )
     grazing = (
-        "the motion reached its end, but touched a contact so gently that the tolerances cannot tell the touch from a near "
-        "miss. Values are right to the order of its speed; derivatives are not (at grazing they do not exist). Tighten `rtol` and "
-        "`atol`, leave this parameter value out, or accept it with `throw=False`."
+        "the motion reached its end, but touched or missed a contact so narrowly that the tolerances cannot tell "
+        "which. Values are right to the order of its speed; derivatives are not (at grazing they do not exist). "
+        "Tighten `rtol` and `atol`, leave this parameter value out, or accept it with `throw=False`."
     )
     contact_stays_closed = (
         "a contact fired again at the instant at which it had just fired, so it would stay closed. If the scene sets "

@@ -1,7 +1,8 @@
 """Traced values that a scene's functions close over, made visible.
 
 A gradient reaches the array leaves of a scene. A function may also use a traced value that is no leaf of anything,
-`lambda scene, t, q, v: w * q[0]` under `jax.grad` by w, say. A custom derivative rule would not see such a value, so it is
+`lambda scene, t, q, v: w * q[0]` under `jax.grad` by w, say. A custom derivative rule would not see such a value, so
+it is
 lifted into a leaf first.
 """
 
@@ -79,5 +80,7 @@ def _hides_tracers(function: Callable, arguments) -> bool:
         function, arguments = eqx.combine(dynamic, static)
         return eqx.filter(function(*arguments), eqx.is_array)
 
-    constants = jax.make_jaxpr(call)(jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), dynamic)).consts
+    constants = jax.make_jaxpr(call)(
+        jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), dynamic)
+    ).consts
     return any(isinstance(constant, jax.core.Tracer) for constant in constants)

@@ -20,7 +20,8 @@ def complementarity_support(
 
     Active sets in the manner of Lawson and Hanson (1974, ch. 23), for the problem's quadratic programme: take in
     the candidate that is violated most, solve with equality on S, and let go what would turn negative. A column
-    that depends on those of S is never taken in, because then its residual vanishes with theirs: so W_SS is regular even
+    that depends on those of S is never taken in, because then its residual vanishes with theirs: so W_SS is regular
+    even
     where W is singular. `noise` is how large a residual rounding alone can make. Nothing here is differentiated:
     S is piecewise constant, and x_S = -W_SS^-1 b_S is solved again where its derivative is wanted.
     """

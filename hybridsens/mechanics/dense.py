@@ -44,7 +44,7 @@ def _solve_ldl(L, d, b):
     y = []
     for i in range(n):
         y.append(b[i] - sum(L[i][k] * y[k] for k in range(i)))
-    x = [None] * n
+    x: list = [None] * n
     for i in reversed(range(n)):
         x[i] = y[i] / d[i] - sum(L[k][i] * x[k] for k in range(i + 1, n))
     return jnp.stack(x)

@@ -25,9 +25,7 @@ class ImpactDetail(eqx.Module):
     """Contacts that are captured: their restitution counts as 0."""
 
 
-def decide_transition(
-    scene: AbstractScene, capture_speed: float, depth, event, t, q, v, mode: ContactMode
-) -> Decision:
+def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, t, q, v, mode: ContactMode) -> Decision:
     """The discrete outcome of guard `event` falling through zero at (t, q, v-).
 
     `depth` is (relative, absolute): a touch that would penetrate less deep than that is grazing.
@@ -106,11 +104,14 @@ def _hop(scene: AbstractScene, t, q, v, gap_acceleration, leaving):
     """Time of the shortest flight that begins here, 2 Phi' / -Phi''. A longer step could pass over a hop unseen."""
     _, rate = gap_and_rate(scene, t, q, v)
     falls_back = leaving & (rate > 0) & (gap_acceleration < 0)
-    return jnp.min(jnp.where(falls_back, -2 * rate / jnp.where(falls_back, gap_acceleration, -1), jnp.inf), initial=jnp.inf)
+    return jnp.min(
+        jnp.where(falls_back, -2 * rate / jnp.where(falls_back, gap_acceleration, -1), jnp.inf), initial=jnp.inf
+    )
 
 
 def _is_grazing(rate, gap_acceleration, depth) -> Bool[Array, ""]:
-    """Whether an impact is as shallow as `depth`: without the contact the gap would turn back at -Phi'^2 / (2 Phi'')."""
+    """Whether an impact is as shallow as `depth`: without the contact the gap would turn back at -Phi'^2 / (2
+    Phi'')."""
     return (gap_acceleration > 0) & (rate**2 <= 2 * gap_acceleration * depth)
 
 

@@ -39,9 +39,7 @@ class AbstractScene(eqx.Module):
         """Symmetric positive definite mass matrix M(q) [kg, kg m^2]."""
 
     @abc.abstractmethod
-    def force(
-        self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"]
-    ) -> Float[Array, "dof"]:
+    def force(self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, "dof"]:
         """All smooth generalised forces F(t, q, v), those quadratic in the velocity included [N, N m]."""
 
     @abc.abstractmethod

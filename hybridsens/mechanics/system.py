@@ -18,7 +18,8 @@ from .scene import AbstractScene
 
 
 class MechanicalSystem(AbstractHybridSystem):
-    """State x = (q, v, z) with z' = running cost; guard i is the gap of contact i, or its multiplier while it is held."""
+    """State x = (q, v, z) with z' = running cost; guard i is the gap of contact i, or its multiplier while it is
+    held."""
 
     scene: AbstractScene
     running_cost: Callable[..., Any] | None

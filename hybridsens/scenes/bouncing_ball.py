@@ -8,7 +8,8 @@ from .shipped import ShippedScene, parameter
 
 
 class BouncingBall(ShippedScene):
-    """m q'' = -weight, gap q - floor. With e < 1 the impacts accumulate at t_1 (1 + e) / (1 - e), then the ball rests."""
+    """m q'' = -weight, gap q - floor. With e < 1 the impacts accumulate at t_1 (1 + e) / (1 - e), then the ball
+    rests."""
 
     t1 = 2.0
 

@@ -42,7 +42,9 @@ class DoublePendulumWall(ShippedScene):
 
     def force(self, t, q, v):
         coupling = self.mass_lower * self.length_upper * self.length_lower * jnp.sin(q[0] - q[1])
-        upper = -coupling * v[1] ** 2 - (self.mass_upper + self.mass_lower) * self.gravity * self.length_upper * jnp.sin(q[0])
+        upper = -coupling * v[1] ** 2 - (
+            self.mass_upper + self.mass_lower
+        ) * self.gravity * self.length_upper * jnp.sin(q[0])
         lower = coupling * v[0] ** 2 - self.mass_lower * self.gravity * self.length_lower * jnp.sin(q[1])
         return jnp.stack([upper, lower])
 

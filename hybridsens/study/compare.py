@@ -153,7 +153,7 @@ def _measure(method: GradientMethod, parameters: FlatParameters, cost: Cost, ref
     return Row(
         method.name, value, slopes, relative_error(value, reference.value), relative_error(slopes, reference.gradient),
         seconds_per_call(lambda: forward(vector)), seconds_per_call(lambda: gradient(vector)),
-        compile_gradient + compile_forward, np.nan if memory is None else memory,
+        compile_gradient + compile_forward, np.nan if memory is None else float(memory),
     )  # fmt: skip
 
 

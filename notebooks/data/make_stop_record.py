@@ -33,7 +33,9 @@ def true_positions() -> tuple[np.ndarray, list[float]]:
     t, x, impacts = 0.0, np.zeros(2), []
     q = np.zeros(TIMES.size)
     while t < TIMES[-1]:
-        flight = solve_ivp(rates, (t, TIMES[-1]), x, method="DOP853", events=closing, dense_output=True, rtol=1e-12, atol=1e-12)
+        flight = solve_ivp(
+            rates, (t, TIMES[-1]), x, method="DOP853", events=closing, dense_output=True, rtol=1e-12, atol=1e-12
+        )
         seen = (TIMES >= t) & (TIMES <= flight.t[-1])
         q[seen] = flight.sol(TIMES[seen])[0]
         t, x = flight.t[-1], flight.y[:, -1] * [1, -RESTITUTION]

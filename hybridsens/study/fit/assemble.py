@@ -40,7 +40,8 @@ def assemble(
         scene=scene, labels=selection.labels, values=np.asarray(values), guess=np.asarray(selection.to_values(guess)),
         loss=last.loss, residuals=residuals, event_residuals=event_residuals, jacobian=by_p, uncertainty=knowledge,
         history=[line for descent in descents for line in descent.history], stopped=last.stopped,
-        sequence_start=event_sequence(at_guess), sequence_end=last.end, data=data, trajectory=_trajectory(problem, scene),
+        sequence_start=event_sequence(at_guess), sequence_end=last.end, data=data, trajectory=_trajectory(problem,
+        scene),
         starts=starts, carry=last.carry,
     )  # fmt: skip
 

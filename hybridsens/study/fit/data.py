@@ -57,12 +57,16 @@ def measurements(
     y = _values(values, t.size)
     labels = tuple(names) if names is not None else tuple(f"q{i}" for i in range(y.shape[1]))
     if len(labels) != y.shape[1] or len(set(labels)) != len(labels):
-        raise ValueError(f"`names` must have {y.shape[1]} different entries, one for each observation, but has {labels}.")
+        raise ValueError(
+            f"`names` must have {y.shape[1]} different entries, one for each observation, but has {labels}."
+        )
     _check_values(y, labels, missing)
     events = _increasing("event_times", event_times)
     if t.size + events.size == 0:
         raise ValueError("The measurements must have at least one time, but have none.")
-    return Measurements(t, y, _sigmas(sigma, y.shape), labels, events, *_event_columns(events, event_sigma, event_contacts))
+    return Measurements(
+        t, y, _sigmas(sigma, y.shape), labels, events, *_event_columns(events, event_sigma, event_contacts)
+    )
 
 
 def _increasing(name: str, times: Any) -> np.ndarray:
@@ -94,7 +98,9 @@ def _values(values: Any, samples: int) -> np.ndarray:
 def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
     for name, column in zip(names, y.T, strict=True):
         if np.any(np.isinf(column)):
-            raise ValueError(f"Column {name!r} must be finite, but is not at {_rows(np.flatnonzero(np.isinf(column)))}.")
+            raise ValueError(
+                f"Column {name!r} must be finite, but is not at {_rows(np.flatnonzero(np.isinf(column)))}."
+            )
         gaps = np.flatnonzero(np.isnan(column))
         if gaps.size and missing == "raise":
             raise ValueError(
@@ -113,7 +119,7 @@ def _sigmas(sigma: Any, shape: tuple[int, ...]) -> np.ndarray | None:
     try:
         s = np.broadcast_to(s, shape).copy()
     except ValueError as error:
-        raise ValueError(f"`sigma` must broadcast to the values' shape {shape}, but has shape {s.shape}.") from error
+        raise ValueError(f"`sigma` must broadcast to shape {shape}, but has shape {s.shape}.") from error
     if not np.all(s > 0) or not np.all(np.isfinite(s)):
         raise ValueError("`sigma` must be positive and finite everywhere, and is not.")
     return s

@@ -62,8 +62,15 @@ def event_sequence(trial: Trial) -> Sequence:
 
 
 def descend(
-    method: Method, problem, z, *, max_iterations: int, patience: int, stage: str = "full",
-    callback: Callable[[Iteration], Any] | None = None, carry: Any = None,
+    method: Method,
+    problem,
+    z,
+    *,
+    max_iterations: int,
+    patience: int,
+    stage: str = "full",
+    callback: Callable[[Iteration], Any] | None = None,
+    carry: Any = None,
 ) -> Descent:
     """Iterate until the optimizer converges or stalls, or something else ends it; the best point is kept throughout.
 

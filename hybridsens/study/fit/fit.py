@@ -60,14 +60,16 @@ def fit(
     Arguments:
 
     - `scene`: the model; its present parameters are the guess.
-    - `data`: a CSV file, a pandas or xarray table, a mapping, (times, values), or `Measurements`; see `read_measurements`.
+    - `data`: a CSV file, a pandas or xarray table, a mapping, (times, values), or `Measurements`; see
+      `read_measurements`.
     - `parameters`: names of the fields that are fitted ("stiffness", "arm.length"); default all.
     - `observe`: `observe(scene, t, q, v)` -> (observation,), or a mapping of column names to scalars; default: columns
       are named after the state, q0, v0, ...
     - `state`: initial state, or a function of the scene that returns it; default `scene.initial_state()`.
     - `bounds`: name -> "positive" or (lo, hi), None for an open end; kept by a transformation of the parameter.
     - `priors`: name -> (mean, sigma).
-    - `robust`: residuals beyond so many sigmas (the data's unit, if no sigmas are given) count linearly, for data with outliers; None: all count squared.
+    - `robust`: residuals beyond so many sigmas (the data's unit, if no sigmas are given) count linearly, for data
+      with outliers; None: all count squared.
     - `t0`, `t1`: horizon [s]; t1 is the last measured time by default.
     - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an
       Optimistix Gauss-Newton solver, or any Optax optimizer.
@@ -75,7 +77,8 @@ def fit(
     - `starts`, `spread`, `seed`: descend from so many points within +-spread (relatively) of the guess, in one compiled
       run, and go on from the best.
     - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
-    - `progress`, `callback`: print a line for every iteration; call `callback(iteration)`, which stops by returning True.
+    - `progress`, `callback`: print a line for every iteration; call `callback(iteration)`, which stops by returning
+      True.
     - `resume`: an earlier result of the same fit to go on from. Interrupting (Ctrl-C) returns the best point so far.
     - `solver`, `rtol`, `atol`, `max_events`, `max_steps`: as in `simulate`.
 
@@ -105,7 +108,9 @@ def fit(
     return assemble(problem, measured, guess, [*stages, last], several)
 
 
-def _problem(scene, measured: Measurements, parameters, observe, state, bounds, priors, robust, t0, t1, numerics) -> Problem:
+def _problem(
+    scene, measured: Measurements, parameters, observe, state, bounds, priors, robust, t0, t1, numerics
+) -> Problem:
     scene = prepare.concrete(scene)
     initial_state = prepare.initial_state(scene, state)
     selection = select(scene, parameters, bounds)
@@ -130,7 +135,9 @@ def _from_many(how: Method, problem: Problem, zs, strategy, max_iterations: int)
     growth = strategy if isinstance(strategy, GrowingHorizon) else None
     several = descend_from_all(how, problem, zs, growth, max_iterations)
     if not bool(jnp.any(jnp.isfinite(several.loss))):
-        raise GuessFailed(f"At least one of the {zs.shape[0]} starts must have a motion that reaches its end, but none has.")
+        raise GuessFailed(
+            f"At least one of the {zs.shape[0]} starts must have a motion that reaches its end, but none has."
+        )
     return several, several.z[jnp.argmin(several.loss)]
 
 
@@ -144,7 +151,8 @@ def _through_stages(how: Method, problem: Problem, z, strategy, told) -> tuple[l
     for name, stage in strategy.stages(problem, z):
         at = done[-1].z if done else z
         try:
-            done.append(descend(how, stage, at, max_iterations=strategy.iterations, patience=strategy.iterations, stage=name,
+            done.append(descend(how, stage, at, max_iterations=strategy.iterations, patience=strategy.iterations,
+            stage=name,
                                 callback=told))  # fmt: skip
         except GuessFailed:
             done = done[:-1]

@@ -23,7 +23,8 @@ class GrowingHorizon(eqx.Module):
     iterations: int = eqx.field(static=True, default=10)
     """At most so many in each stage: none has to converge."""
     anchor_weight: float = eqx.field(static=True, default=20.0)
-    """How firmly stages hold z near the guess, in residuals (sigmas) per unit of z (a factor e of a positive parameter)."""
+    """How firmly stages hold z near the guess, in residuals (sigmas) per unit of z (a factor e of a positive
+    parameter)."""
 
     def __check_init__(self):
         steps = (0.0, *self.fractions, 1.0)

@@ -36,7 +36,9 @@ class LevenbergMarquardt(optimistix.AbstractGaussNewton):
     def __init__(self, rtol: float = 1e-6, atol: float = 1e-6):
         self.rtol, self.atol, self.norm = rtol, atol, optimistix.max_norm
         self.descent = optimistix.DampedNewtonDescent()
-        self.search = optimistix.ClassicalTrustRegion(high_cutoff=0.25, low_cutoff=0.01, high_constant=10.0, low_constant=0.2)
+        self.search = optimistix.ClassicalTrustRegion(
+            high_cutoff=0.25, low_cutoff=0.01, high_constant=10.0, low_constant=0.2
+        )
         self.verbose = _silent
 
 
@@ -116,7 +118,8 @@ def _advance(solver, carry: Carry, fn: "_Linear") -> tuple[Carry, Outcome]:
     residual, jacobian = new.f_info.residual, new.f_info.jac.as_matrix()
     outcome = Outcome(
         z, 0.5 * jnp.sum(residual**2), jnp.linalg.norm(jacobian.T @ residual), accepted,
-        converged=accepted & ~fn.trial.failed & done, stalled=new.num_steps_since_acceptance >= _PATIENCE, trial=fn.trial,
+        converged=accepted & ~fn.trial.failed & done, stalled=new.num_steps_since_acceptance >= _PATIENCE,
+        trial=fn.trial,
     )  # fmt: skip
     return Carry(z, new), outcome
 

@@ -59,7 +59,7 @@ class Selection(eqx.Module):
         both = lower + (upper - lower) * jax.nn.sigmoid(z)
         return jnp.where(below & above, both, jnp.where(below | above, one_sided, self.scale * z))
 
-    def from_values(self, values: Float[Array, "parameter"]) -> Float[Array, "parameter"]:
+    def from_values(self, values: Float[Array | np.ndarray, "parameter"]) -> Float[Array, "parameter"]:
         """z(p), for values strictly inside their bounds."""
         below, above = np.isfinite(self.lower), np.isfinite(self.upper)
         p, lower, upper = np.asarray(values), self.lower, self.upper

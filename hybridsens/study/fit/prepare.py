@@ -28,7 +28,7 @@ def state_observer(names: Sequence[str], dof: int) -> Callable[..., Any]:
         place = int(match[2] or 0) if match else dof
         if match is None or place >= dof:
             raise ValueError(
-                f"Without `observe`, columns must be named q0 ... q{dof - 1} or v0 ... v{dof - 1} (q or v for the first), "
+                f"Without `observe`, columns must be named q0 ... q{dof - 1} or v0 ... v{dof - 1}, "
                 f"but there is {name!r}. Choose among them with `columns`, or say with `observe` what was measured."
             )
         picks.append(place + (dof if match[1] == "v" else 0))
@@ -71,9 +71,13 @@ def observer(observe: Callable[..., Any] | None, scene, state: State, names: tup
     if isinstance(seen, Mapping):
         unknown = [name for name in names if name not in seen]
         if unknown:
-            raise ValueError(f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}.")
+            raise ValueError(
+                f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}."
+            )
     elif np.shape(seen) not in ((len(names),), () if len(names) == 1 else None):
-        raise ValueError(f"`observe` must return shape ({len(names)},) for {list(names)}, but returns {np.shape(seen)}.")
+        raise ValueError(
+            f"`observe` must return shape ({len(names)},) for {list(names)}, but returns {np.shape(seen)}."
+        )
     return NamedObserver(observe, names)
 
 

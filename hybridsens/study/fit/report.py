@@ -22,7 +22,10 @@ def _head(result: "FitResult") -> Iterator[str]:
         f"{result.loss:.6g}, gradient norm {result.history[-1].gradient_norm:.3g}"
     )
     known = int(np.sum(np.isfinite(result.residuals)))
-    yield f"{known} observations, {result.event_residuals.size} event times; residual spread {result.uncertainty.noise:.4g}"
+    yield (
+        f"{known} observations, {result.event_residuals.size} event times; residual spread "
+        f"{result.uncertainty.noise:.4g}"
+    )
     if result.failures:
         last = next(line.failure for line in reversed(result.history) if line.failure)
         yield f"{result.failures} trial points failed and were rejected; the last because {last}"
@@ -47,7 +50,9 @@ def _events(result: "FitResult") -> Iterator[str]:
     yield f"events at the guess: {_sequence(start)}"
     yield f"events at the end:   {'the same' if start == end else _sequence(end)}"
     if result.sequence_changes:
-        yield f"the event sequence changed at {result.sequence_changes} accepted steps: the loss is only piecewise smooth"
+        yield (
+            f"the event sequence changed at {result.sequence_changes} accepted steps: the loss is only piecewise smooth"
+        )
 
 
 def _directions(result: "FitResult") -> Iterator[str]:

@@ -30,7 +30,8 @@ class FitResult(eqx.Module):
     event_residuals: np.ndarray
     """(event,) time of the motion's impact - time measured [s]."""
     jacobian: np.ndarray
-    """(residual, parameter) derivative of (residual / sigma) by the parameters, observations first, then event times."""
+    """(residual, parameter) derivative of (residual / sigma) by the parameters, observations first, then event
+    times."""
     uncertainty: Uncertainty
     history: list[Iteration]
     stopped: str
@@ -85,9 +86,7 @@ class FitResult(eqx.Module):
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Confidence intervals: label -> (low, high). First-order; not cut at bounds."""
         half = half_width(self.uncertainty.standard_errors, level, self.uncertainty.quantile_freedom)
-        return {
-            label: (float(p - h), float(p + h)) for label, p, h in zip(self.labels, self.values, half, strict=True)
-        }
+        return {label: (float(p - h), float(p + h)) for label, p, h in zip(self.labels, self.values, half, strict=True)}
 
     def weak_directions(self, limit: float = 0.5) -> list[tuple[float, dict[str, float]]]:
         """Directions of relative change known worse than `limit`, beside `uncertainty.null_directions`."""

@@ -1,4 +1,5 @@
-"""Multiple shooting: the horizon is cut into windows, each with a free initial state, and penalties tie them together."""
+"""Multiple shooting: the horizon is cut into windows, each with a free initial state, and penalties tie them
+together."""
 
 from collections.abc import Callable
 from typing import Any
@@ -40,7 +41,9 @@ class MultipleShooting(eqx.Module):
                 f"{self.windows} and {self.continuity}."
             )
 
-    def run(self, how: Method, problem: Problem, z, callback: Callable[[Iteration], Any] | None) -> tuple[list[Descent], Any]:
+    def run(
+        self, how: Method, problem: Problem, z, callback: Callable[[Iteration], Any] | None
+    ) -> tuple[list[Descent], Any]:
         """All stages; returns them and the parameters to go on with."""
         shooting, y = cut(problem, z, self.windows)
         done = []
@@ -53,7 +56,8 @@ class MultipleShooting(eqx.Module):
 
 
 class ShootingProblem(eqx.Module):
-    """Residuals of all windows and of the jumps between them, as a function of y = (z, initial states of windows 1, ...)."""
+    """Residuals of all windows and of the jumps between them, as a function of y = (z, initial states of windows 1,
+    ...)."""
 
     problem: Problem
     edges: Float[Array, "edge"]
@@ -109,7 +113,9 @@ def cut(problem: Problem, z, windows: int) -> tuple[ShootingProblem, Array]:
     """
     times = np.asarray(problem.data.times)
     if times.size < 2 * windows:
-        raise ValueError(f"Multiple shooting must have two samples for each of {windows} windows, but has {times.size}.")
+        raise ValueError(
+            f"Multiple shooting must have two samples for each of {windows} windows, but has {times.size}."
+        )
     pieces = np.array_split(np.arange(times.size), windows)
     longest = max(piece.size for piece in pieces)
     places = np.stack([np.pad(piece, (0, longest - piece.size), mode="edge") for piece in pieces])
@@ -126,8 +132,10 @@ def _states(problem: Problem, z, times: np.ndarray) -> np.ndarray:
     """(sample, state): measured where the coordinates were, with slopes as velocities; the guess's motion elsewhere."""
     scene, numerics = problem.scene_at(z), problem.numerics
     trajectory = simulate(
-        scene, problem.initial_state(scene), t0=problem.t0, t1=problem.horizon, ts=problem.data.times, solver=numerics.solver,
-        rtol=numerics.rtol, atol=numerics.atol, max_events=numerics.max_events, max_steps=numerics.max_steps, throw=False,
+        scene, problem.initial_state(scene), t0=problem.t0, t1=problem.horizon, ts=problem.data.times,
+        solver=numerics.solver,
+        rtol=numerics.rtol, atol=numerics.atol, max_events=numerics.max_events, max_steps=numerics.max_steps,
+        throw=False,
     )  # fmt: skip
     assert trajectory.q is not None and trajectory.v is not None
     states = np.concatenate([trajectory.q, trajectory.v], axis=1)

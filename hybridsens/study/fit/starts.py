@@ -54,7 +54,8 @@ def descend_from_all(
     def lane(z):
         if growth is not None:
             parts = jnp.asarray(growth.fractions)
-            z = lax.scan(lambda at, part: (_descend(method, growth.stage(problem, z, part), at, growth.iterations).z, None),
+            z = lax.scan(lambda at, part: (_descend(method, growth.stage(problem, z, part), at, growth.iterations).z,
+            None),
                          z, parts)[0]  # fmt: skip
         return _descend(method, problem, z, iterations)
 

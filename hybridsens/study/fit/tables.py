@@ -11,7 +11,12 @@ from .data import Measurements, measurements, named_columns
 
 
 def read_measurements(
-    data: Any, *, time: str | None = None, columns: Sequence[str] | None = None, sigma: Any = None, missing: str = "raise",
+    data: Any,
+    *,
+    time: str | None = None,
+    columns: Sequence[str] | None = None,
+    sigma: Any = None,
+    missing: str = "raise",
     **events: Any,
 ) -> Measurements:
     """Measurements from a table.
@@ -48,7 +53,9 @@ def _sigma_columns(table: Mapping[str, Any], names: Sequence[str]) -> np.ndarray
     if not given:
         return None
     if len(given) != len(names):
-        raise ValueError(f"Sigmas must be given for all observed columns {list(names)} or for none, but only for {given}.")
+        raise ValueError(
+            f"Sigmas must be given for all observed columns {list(names)} or for none, but only for {given}."
+        )
     return np.stack([np.asarray(table[f"sigma_{name}"], float) for name in names], axis=1)
 
 
@@ -62,7 +69,8 @@ def _as_mapping(data: Any) -> Mapping[str, Any]:
     if hasattr(data, "columns"):
         return {str(name): data[name].to_numpy() for name in data.columns}
     raise TypeError(
-        "`data` must be the path of a CSV file, a pandas or xarray table, a mapping of columns, a pair (times, values) or "
+        "`data` must be the path of a CSV file, a pandas or xarray table, a mapping of columns, a pair (times, values) "
+        "or "
         f"Measurements, but is {type(data).__name__}."
     )
 

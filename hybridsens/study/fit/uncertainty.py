@@ -32,7 +32,8 @@ def uncertainty(
     """Uncertainty from plain data residuals r (in sigmas) and their Jacobian J = dr/dp.
 
     With known sigmas s = 1, otherwise s^2 = sum psi(r)^2 / (n - p) / mean(psi')^2, where psi(r) = r, or
-    r / sqrt(1 + (r/c)^2) for a robust fit with finite c (Huber's covariance of an M-estimator, also used with known sigmas then).
+    r / sqrt(1 + (r/c)^2) for a robust fit with finite c (Huber's covariance of an M-estimator, also used with known
+    sigmas then).
     """
     r, J, p = np.asarray(residuals), np.asarray(jacobian), np.asarray(values)
     weight = (1 + (r / robust) ** 2) ** -0.5
