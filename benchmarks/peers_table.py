@@ -85,7 +85,8 @@ def torchdiffeq(problem: str, tolerance: float, *, carried: bool):
 
 CONTENDERS = (
     Contender("hybridsens, Replay", lambda: None, PROBLEMS, partial(ours, adjoint=hs.Replay())),
-    Contender("hybridsens, ForwardSensitivities", lambda: None, PROBLEMS, partial(ours, adjoint=hs.ForwardSensitivities())),
+    Contender("hybridsens, ForwardSensitivities", lambda: None, PROBLEMS,
+              partial(ours, adjoint=hs.ForwardSensitivities())),
     Contender("numba by hand, saltation", numba_saltation.available, ("P1", "P2", "P2b"), numba),
     Contender("CasADi, generated C, adjoint", casadi_c.available, ("P1", "P2", "P2b", "P4"), casadi),
     Contender("Diffrax chain, reverse", diffrax_chain.available, PROBLEMS, partial(chain, forward=False)),

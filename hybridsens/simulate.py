@@ -108,10 +108,10 @@ def _initial_status(scene: AbstractScene, mode, state: State, t0, t1, ts, method
         status = Status.where(holds[name], status, failure)
     positive = (jnp.asarray(method.rtol) > 0) & (jnp.asarray(method.atol) > 0)
     status = Status.where(positive, status, Status.bad_tolerance)
-    status = Status.where(t1 > t0, status, Status.bad_horizon)
     if ts is not None and ts.shape[0] > 0:
         sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)
         status = Status.where(sorted_inside, status, Status.unsorted_times)
+    status = Status.where(t1 > t0, status, Status.bad_horizon)
     return status
 
 

@@ -9,7 +9,6 @@
 
 # %%
 import os
-from pathlib import Path
 
 import hybridsens as hs
 
@@ -23,20 +22,19 @@ from matplotlib.figure import Figure  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
 from hybridsens.study.baselines import penalty_contact, where_reset  # noqa: E402
 
-SMALL = bool(os.environ.get("NOTEBOOK_SMALL"))  # fewer points, for a quick look
-OUTPUT = Path(os.environ.get("NOTEBOOK_OUTPUT", "."))
+SMALL = bool(os.environ.get("HYBRIDSENS_NOTEBOOKS_SMALL"))  # fewer points, for a quick look
 
 # %% [markdown]
 # ## One impact by hand
 #
-# A ball falls from rest at height $q_0$ and hits the floor at $t_1 = \sqrt{2 q_0 / g}$ with speed $g t_1$. Shortly after, at
-# time $t$, it is at
+# A ball falls from rest at height $q_0$ and hits the floor at $t_1 = \sqrt{2 q_0 / g}$ with speed $g t_1$. Shortly
+# after, at time $t$, it is at
 #
 # $$q(t) = e\, g\, t_1 (t - t_1) - \tfrac12 g (t - t_1)^2 .$$
 #
-# Move the start up by a little: the ball arrives later. Its speed at impact changes, **and the impact happens at another
-# time**. A simulation in fixed steps changes the speed at a step that is counted, not computed: for its derivative the time
-# of impact is a constant.
+# Move the start up by a little: the ball arrives later. Its speed at impact changes, **and the impact happens at
+# another time**. A simulation in fixed steps changes the speed at a step that is counted, not computed: for its
+# derivative the time of impact is a constant.
 
 # %%
 g, e, t = 9.81, 0.8, 0.8
@@ -78,8 +76,8 @@ one_bounce = (float(height(q0)), exact, float(slope))
 #
 # ## A functional over several impacts
 #
-# The same on a forced oscillator that strikes an elastic stop five times, for $J = \int q^2 dt$ and all of its parameters.
-# `cost` is written once; what moves the scene is given to it.
+# The same on a forced oscillator that strikes an elastic stop five times, for $J = \int q^2 dt$ and all of its
+# parameters. `cost` is written once; what moves the scene is given to it.
 
 # %%
 scene = ElasticStop()
@@ -150,11 +148,12 @@ for (name, points), style in zip(errors.items(), ("s--", "D:", "o-"), strict=Tru
 axes.set(xlabel="(average) step [s]", ylabel="relative error of the gradient", title="elastic stop, five impacts")
 axes.grid(color="0.9")
 axes.legend()
-figure.savefig(OUTPUT / "naive_gradients.png", dpi=150)
+figure.savefig("naive_gradients.png", dpi=150)
 
 # %% [markdown]
-# The upper two lines stay where they are however small the step. The `where` reset differentiates another function than
-# the one it computes. The springs differentiate the right function of the wrong model: only stiffer springs would help, and
-# they need smaller steps still. The lower line falls with the step, as a gradient should.
+# The upper two lines do not fall, however small the step. The `where` reset differentiates another function than the
+# one it computes. The springs have the right derivative of the wrong model: only stiffer springs would help here, and
+# they need smaller steps still (with a damper they do not help at all: the force then jumps where contact begins, and
+# the derivative of that jump is left out too). The lower line falls with the step, as a gradient should.
 #
 # `hybridsens compare elastic-stop` shows the same for more methods, with times and memory.

@@ -21,10 +21,11 @@ def test_a_right_gradient_passes_and_each_impact_has_determinant_e_squared():
 
 
 def test_a_parameter_that_is_held_constant_by_mistake_is_named():
-    """`stop_gradient` on the floor makes adjoint and forward agree on 0; the differences do not, there and only there."""
+    """`stop_gradient` on the floor makes adjoint and forward agree on 0; there, and only there, differences do not."""
 
     def cost(scene, simulate):
-        return running_cost_functional(eqx.tree_at(lambda s: s.floor, scene, jax.lax.stop_gradient(scene.floor)), simulate)
+        held = eqx.tree_at(lambda s: s.floor, scene, jax.lax.stop_gradient(scene.floor))
+        return running_cost_functional(held, simulate)
 
     check = check_gradient(BouncingBall(), cost, max_events=8, max_steps=1024)
     assert {entry.parameter: entry.verdict for entry in check.parameters if entry.verdict} == {

@@ -1,4 +1,4 @@
-"""The table of gradient methods: naive gradients are wrong whatever the step, ours is right, and no row stops the table."""
+"""The table of gradient methods: naive gradients are wrong at any step, ours is right, and no row stops the table."""
 
 import csv
 from functools import partial
@@ -55,7 +55,7 @@ def test_replay_is_right_to_1e_7_in_the_table_of_the_elastic_stop():
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_where_reset_converges_in_value_but_not_in_gradient(case):
-    """Sixteen times smaller steps bring the value at least five times closer, and leave the gradient wrong by as much."""
+    """Sixteen times smaller steps bring the value five times closer, and leave the gradient as wrong as it was."""
     coarse, fine = table(case, [reverse(f"{n}", partial(where_reset, steps=n)) for n in (2000, 32000)]).rows
     assert fine.value_error < coarse.value_error / 5
     assert fine.gradient_error > 0.02

@@ -19,7 +19,8 @@ ROOM = dict(max_events=16, max_steps=2048, progress=False)
 def reference():
     """P2 in the parameters of the scene: mass, stiffness k = omega^2 and damping c = 2 zeta omega by the chain rule.
 
-    m q'' = -k q - c q' + A cos(Omega t) depends on (m, k, c, A) only through ratios, so m J_m = -(k J_k + c J_c + A J_A).
+    m q'' = -k q - c q' + A cos(Omega t) depends on (m, k, c, A) only through ratios, so
+    m J_m = -(k J_k + c J_c + A J_A).
     """
     record = problems.RECORDS["P2"]
     omega, zeta, A, _, _, _ = record["p"]
@@ -39,7 +40,9 @@ def scene():
 def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_path, reference):
     """Each factor of 1000 in the tolerance gains at least 100 in the gradient; the CSV holds the same points."""
     path = tmp_path / "points.csv"
-    study = work_precision(scene(), tolerances=(1e-5, 1e-8, 1e-11), solvers=[diffrax.Tsit5()], reference=reference, path=path, **ROOM)  # fmt: skip
+    study = work_precision(
+        scene(), tolerances=(1e-5, 1e-8, 1e-11), solvers=[diffrax.Tsit5()], reference=reference, path=path, **ROOM
+    )
     errors = [point.gradient_error for point in study.points]
     assert errors[1] < errors[0] / 100 and errors[2] < errors[1] / 100
     with open(path, newline="") as file:
@@ -49,7 +52,8 @@ def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_
 
 def test_float32_is_float32_and_restores_double_precision(reference):
     """In single precision the gradient is right to 1e-4 and not to 1e-8, and the setting is undone afterwards."""
-    study = work_precision(scene(), tolerances=(1e-5,), solvers=[diffrax.Tsit5()], dtypes=("float32",), reference=reference, **ROOM)  # fmt: skip
+    settings = dict(tolerances=(1e-5,), solvers=[diffrax.Tsit5()], dtypes=("float32",))
+    study = work_precision(scene(), reference=reference, **settings, **ROOM)
     assert study.points[0].failure == ""
     assert 1e-8 < study.points[0].gradient_error < 1e-3
     assert scene().mass.dtype == np.float64

@@ -51,7 +51,7 @@ def crossing(system: AbstractHybridSystem, event: RecordedEvent) -> Crossing:
     """Flows on both sides, each in its own mode, and the rate h' = h_t + h_x f- of the guard."""
     flow_before = system.flow(event.time, event.before, event.mode)
     flow_after = system.flow(event.time, event.after, event.decision.mode)
-    guard = lambda t, x: system.guards(t, x, event.mode)[event.guard]
+    guard = lambda t, x: _entry(system.guards(t, x, event.mode), event.guard)
     _, rate = jax.jvp(guard, (event.time, event.before), (jnp.ones_like(event.time), flow_before))
     return Crossing(flow_before, flow_after, rate)
 
@@ -62,7 +62,7 @@ def jump(system: AbstractHybridSystem, event: RecordedEvent, rates: Crossing, be
     dt = -h / h'  (T5), zero in value;  x+ = R(t + dt, x- + f- dt) - f+ dt  (T6). Differentiate with respect to
     `system` and `before`; `event` and `rates` are constants.
     """
-    guard = system.guards(event.time, before, event.mode)[event.guard]
+    guard = _entry(system.guards(event.time, before, event.mode), event.guard)
     dt = -guard / rates.guard_rate
     t = event.time + dt
     at_guard = before + rates.flow_before * dt
@@ -73,3 +73,8 @@ def jump(system: AbstractHybridSystem, event: RecordedEvent, rates: Crossing, be
 def event_row(record, place) -> RecordedEvent:
     """One event of an EventRecord."""
     return RecordedEvent(*(jax.tree.map(lambda leaf: leaf[place], getattr(record, f)) for f in RecordedEvent._fields))
+
+
+def _entry(guards: Float[Array, "guard"], place) -> Float[Array, ""]:
+    """One guard, by a sum: a system without guards traces through here too, and an index would have no bounds."""
+    return jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == place, guards, 0))

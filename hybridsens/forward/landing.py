@@ -112,7 +112,9 @@ class LandingController(diffrax.AbstractStepSizeController):
         t_root = t0 + jnp.min(jnp.where(on_guard | unresolved, jnp.inf, root), initial=jnp.inf) * h
         crossed = t_root < self.end - time_resolution(t1, 3)
         long = h > time_resolution(t0, 8)
-        doubtful = ~crossed & long & hides_a_dip(state.guard, state.rate * h, end, rate * h, self.start.rounding)
+        bottom = jnp.where(rising, 0, guard)
+        unsure = self.start.rounding + state.noise
+        doubtful = ~crossed & long & hides_a_dip(state.guard, state.rate * h, bottom, rate * h, unsure)
         cut = accurate & crossed
         keep = accurate & ~crossed & ~doubtful
         landed = keep & jnp.any(on_guard)
@@ -139,7 +141,7 @@ class LandingController(diffrax.AbstractStepSizeController):
             grazing=state.grazing | (accurate & jnp.any(miss <= system.grazing_depth(mode))),
             finite=jnp.all(jnp.isfinite(y1_candidate)),
         )
-        return keep, next_t0, next_t1, False, new, self._result(t0, next_t1, keep, landed, new)
+        return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, keep, landed, new)
 
     def _on_guard(self, t0, t1, guard, rate, state: LandingState):
         """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling."""
@@ -151,11 +153,11 @@ class LandingController(diffrax.AbstractStepSizeController):
     def _result(self, t0, next_t1, keep, landed, state: LandingState):
         R = diffrax.RESULTS
         capacity = state.record.t.shape[0] - 2
-        full = state.record.count + state.rejected >= capacity
+        full = (state.record.count + state.rejected >= capacity) & (t0 < self.end)
         stuck = ~keep & ~(next_t1 - t0 > time_resolution(t0, -1))
-        result = R.where(full, R.max_steps_reached, R.successful)
+        result = R.where(landed, R.event_occurred, R.successful)
         result = R.where(stuck, R.dt_min_reached, result)
-        return R.where(landed, R.event_occurred, result)
+        return R.where(full, R.max_steps_reached, result)
 
 
 def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> Int[Array, ""]:

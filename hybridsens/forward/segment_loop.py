@@ -1,5 +1,6 @@
 """The segment loop: solve a segment, and if it ended in an event decide, jump, write it down, go on."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax
@@ -23,7 +24,12 @@ class Transition(NamedTuple):
 
 
 def run_segments(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
-    """Carry a motion on to t1, through every event, in one compiled loop."""
+    """Carry a motion on to t1, through every event, in one compiled loop (a system without guards: in one solve)."""
+    if jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0] == 0:
+        start = motion.status
+        motion, _ = solve_segment(system, stepper, jnp.where(start == Status.running, t1, motion.t), motion)
+        ended = Status.where(motion.status == Status.running, Status.successful, motion.status)
+        return dataclasses.replace(motion, status=Status.where(start == Status.running, ended, start))
 
     def body(motion):
         motion, end = solve_segment(system, stepper, t1, motion)

@@ -30,6 +30,8 @@ def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, 
 
     `depth` is (relative, absolute): a touch that would penetrate less deep than that is grazing.
     """
+    if mode.active.shape[0] == 0:  # nothing to meet: never called, but its shape is asked for
+        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(mode.active, mode.active))
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
     gap_acceleration = _gap_acceleration(scene, geometry, t, q, v, mode)

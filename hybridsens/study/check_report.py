@@ -23,7 +23,8 @@ def format_check(check: "GradientCheck") -> str:
     events = [_events(entry) for entry in check.events if entry.verdict]
     if check.ok:
         return "\n".join([*lines, "", "All agree."])
-    return "\n".join([*lines, "", f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}."])
+    doubt = f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}."
+    return "\n".join([*lines, "", doubt])
 
 
 def _parameter_line(entry: "ParameterCheck", width: int) -> str:

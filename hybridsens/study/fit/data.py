@@ -104,8 +104,8 @@ def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
         gaps = np.flatnonzero(np.isnan(column))
         if gaps.size and missing == "raise":
             raise ValueError(
-                f'Column {name!r} must have a value in every row, but is NaN at {_rows(gaps)}. With missing="skip" such '
-                "entries are left out of the fit."
+                f'Column {name!r} must have a value in every row, but is NaN at {_rows(gaps)}. With missing="skip" '
+                "such entries are left out of the fit."
             )
         if gaps.size == column.size > 0:
             raise ValueError(f"Column {name!r} must have at least one value, but is NaN everywhere.")

@@ -87,8 +87,8 @@ def start(solver: optimistix.AbstractGaussNewton, problem, z, damping: float = 1
     """A solver that knows value and Jacobian at z; `damping` is relative to the largest diagonal entry of J^T J."""
     r, jacobian, trial = linearise(problem, z)
     fn = _Linear(r, jacobian, z, trial)
-    shapes = jax.eval_shape(lambda: (r, trial))
-    state = solver.init(fn, z, None, _OPTIONS, *shapes, _TAGS)
+    r_shape, trial_shape = jax.eval_shape(lambda: (r, trial))
+    state = solver.init(fn, z, None, _OPTIONS, r_shape, trial_shape, _TAGS)
     if isinstance(solver.search, optimistix.ClassicalTrustRegion):
         largest = jnp.max(jnp.sum(jacobian**2, axis=0))
         size = 1 / (damping * jnp.where((largest > 0) & jnp.isfinite(largest), largest, 1))

@@ -52,14 +52,17 @@ def descend_from_all(
     """
 
     def lane(z):
-        if growth is not None:
-            parts = jnp.asarray(growth.fractions)
-            z = lax.scan(lambda at, part: (_descend(method, growth.stage(problem, z, part), at, growth.iterations).z,
-            None),
-                         z, parts)[0]  # fmt: skip
+        z = z if growth is None else _grow(method, problem, growth, z)
         return _descend(method, problem, z, iterations)
 
     return lax.map(lane, zs) if jax.default_backend() == "cpu" else jax.vmap(lane)(zs)
+
+
+def _grow(method: Method, problem: Problem, growth: GrowingHorizon, z):
+    def one_stage(at, fraction):
+        return _descend(method, growth.stage(problem, z, fraction), at, growth.iterations).z, None
+
+    return lax.scan(one_stage, z, jnp.asarray(growth.fractions))[0]
 
 
 def _descend(method: Method, problem: Problem, z, iterations: int) -> Starts:

@@ -62,10 +62,10 @@ def _sigma_columns(table: Mapping[str, Any], names: Sequence[str]) -> np.ndarray
 def _as_mapping(data: Any) -> Mapping[str, Any]:
     if isinstance(data, str | Path):
         return _read_csv(Path(data))
-    if isinstance(data, Mapping) and not hasattr(data, "data_vars"):
-        return data
     if hasattr(data, "data_vars") or hasattr(data, "coords"):
         return _from_xarray(data)
+    if isinstance(data, Mapping):
+        return data
     if hasattr(data, "columns"):
         return {str(name): data[name].to_numpy() for name in data.columns}
     raise TypeError(
