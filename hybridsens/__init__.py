@@ -16,3 +16,20 @@ from .simulate import simulate as simulate
 from .trajectory import Events as Events
 from .trajectory import SimulationError as SimulationError
 from .trajectory import Trajectory as Trajectory
+
+_STUDIES = {
+    "check_gradient": "check_gradient",
+    "compare": "compare",
+    "fit": "fit",
+    "sweep": "sweep",
+    "work_precision": "work_precision",
+}
+
+
+def __getattr__(name: str):
+    """The studies are imported when they are first asked for: they bring libraries that a simulation does not need."""
+    if name not in _STUDIES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f".study.{_STUDIES[name]}", __name__), name)

@@ -42,7 +42,7 @@ def cost(scene):
 design = grid(ElasticStop(), {"amplitude": np.linspace(0.5, 1.5, POINTS), "frequency": np.linspace(1.0, 2.0, POINTS)})
 units = {"amplitude": "N", "frequency": "rad/s", "J": "m2 s"}
 dataset = sweep(cost, design, units=units, progress=not SMALL)
-dataset
+dataset  # noqa: B018
 
 # %% [markdown]
 # White lines separate different sequences of impacts. Along them a motion grazes the stop: J has a kink there, and the
@@ -51,7 +51,7 @@ dataset
 # %%
 figure = plot_sweep(dataset)
 figure.savefig("parameter_map.png", dpi=120)
-figure
+figure  # noqa: B018
 
 # %%
 assert status_counts(dataset) == {"successful": POINTS**2}
@@ -60,8 +60,8 @@ assert len(np.unique(dataset.event_sequence)) >= 4, "the map should cross severa
 # %% [markdown]
 # ## Bifurcation diagram
 #
-# An inelastic stop, seen once a period of the forcing after the motion has settled. One point over a frequency: the motion
-# repeats each period; n points: after n periods; a cloud: never.
+# An inelastic stop, seen once a period of the forcing after the motion has settled. One point over a frequency: the
+# motion repeats each period; n points: after n periods; a cloud: never.
 
 
 # %%
@@ -86,9 +86,9 @@ sweep_design = grid(stop, {"frequency": np.linspace(2.2, 3.2, FREQUENCIES)})
 settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, progress=not SMALL)
 figure = plot_bifurcation(settled, state="v")
 figure.savefig("bifurcation.png", dpi=120)
-figure
+figure  # noqa: B018
 
 # %%
 statuses = status_counts(settled)
 assert statuses["successful"] > 0.95 * FREQUENCIES
-statuses
+statuses  # noqa: B018

@@ -33,7 +33,7 @@ def errors(solver, tolerances):
     rows = []
     for tolerance in tolerances:
         (value, trajectory), gradient = compiled(jnp.array(RECORD["p"]), jnp.asarray(tolerance))
-        assert trajectory.status == hs.Status.successful
+        assert trajectory.status == hs.Status.successful, f"{tolerance}: {hs.Status[trajectory.status]}"
         found = worst(value, float(RECORD["J"][0])), worst(gradient, np.array(RECORD["dJ"][0], float))
         rows.append((int(trajectory.steps.accepted), *found))
     return np.array(rows).T

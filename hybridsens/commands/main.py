@@ -8,13 +8,17 @@ import typer
 
 from ..configure import configure
 from ..trajectory import SimulationError
+from .compare import compare
 from .demo import demo
+from .fit import fit
 from .scenes import scenes
+from .sweep import sweep
+from .tradeoff import tradeoff
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 # Every command, in the order in which `hybridsens --help` lists them.
-for command in (demo, scenes):
+for command in (demo, scenes, compare, tradeoff, fit, sweep):
     app.command()(command)
 
 
