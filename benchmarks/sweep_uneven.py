@@ -2,9 +2,9 @@
 
     python -m benchmarks.sweep_uneven [--points 128]
 
-Balls that bounce 3 to 300 times before the end, in random order. A lane's own work is the time of a batch of copies of it
-alone, divided by their number: it waits for no other lane, and calls cost as little as in the mixed batch. Times are the
-processor's, the shortest of five.
+Balls that bounce 3 to 300 times before the end, in random order. A lane's own work is the time of a batch of copies of
+it alone, divided by their number: it waits for no other lane, and calls cost as little as in the mixed batch. Times are
+the processor's, the shortest of five.
 """
 
 import argparse

@@ -50,7 +50,7 @@ def evaluate(cost: Callable, scene: Any, wanted: Wanted, columns: dict[str, Any]
     return out | {"status": status.astype(jnp.int8)}
 
 
-def _differentiate(cost, scene, wanted: Wanted):
+def _differentiate(cost, scene, wanted: Wanted) -> tuple[Any, Any, dict[str, Any]]:
     """J, the trajectory (or None), and the gradient by name."""
     chosen = {name: parameters(scene)[name] for name in wanted.gradient}
 
