@@ -25,7 +25,8 @@ def first_falling_root(
     that stays above zero by less than the cubic can tell is returned as well: a step that ends there decides. Most
     steps are let through by a glance: a cubic lies in the hull of its four Bezier points.
     """
-    below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | (g1 < 0)
+    narrow = g1 < UNSURE * (jnp.abs(g0) + jnp.abs(d0) + jnp.abs(d1))
+    below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | narrow
     never = jnp.full_like(g0, jnp.inf)
     found = lambda: [jnp.where(below, s, never) for s in _falling_root(g0, d0, g1, d1, noise)]
     root, miss = lax.cond(jnp.any(below), found, lambda: [never, never])
@@ -44,8 +45,11 @@ def _falling_root(g0, d0, g1, d1, noise):
     low = jnp.where((maximum > 0) & (maximum < high), maximum, 0.0)
     root = _monotone_root(value, slope, low, high)
     root = jnp.where(dips | (g1 < 0), root, jnp.inf)
-    near_miss = (minimum > 0.01) & (minimum < 0.99) & (g1 >= 0) & ~dips & (value(minimum) < UNSURE * size)
-    return jnp.where(near_miss, minimum, root), jnp.where(near_miss, value(minimum), jnp.inf)
+    missed = (g0 > noise) & (g1 >= 0) & ~dips
+    near_miss = missed & (minimum > 0.01) & (minimum < 0.99) & (value(minimum) < UNSURE * size)
+    at_hand = missed & (minimum > -0.02) & (minimum < 1.02)  # also where a step was made to end at the minimum
+    miss = jnp.where(at_hand, value(jnp.clip(minimum, 0, 1)), jnp.inf)
+    return jnp.where(near_miss, minimum, root), miss
 
 
 def hides_a_dip(

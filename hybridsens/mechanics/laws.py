@@ -30,25 +30,26 @@ def impact_impulse(
 
 
 def impulse_support(
-    geometry: ContactGeometry, rate, restitution, closed: Bool[Array, "contact"], speed
+    geometry: ContactGeometry, rate, restitution, closed: Bool[Array, "contact"], speed, forced
 ) -> Bool[Array, "contact"]:
     """Contacts whose impulse is positive in (T3): 0 <= P _|_ phi'+ + E phi'- >= 0 on the closed contacts.
 
-    `speed` (contact,) is what rounding in the rates is relative to."""
+    `speed` (contact,) is what rounding in the rates is relative to; `forced` contacts take part in any case."""
     noise = closeness(rate.dtype) * speed
-    return complementarity_support(geometry.delassus_matrix, (1 + restitution) * rate, closed, noise)
+    return complementarity_support(geometry.delassus_matrix, (1 + restitution) * rate, closed, noise, forced)
 
 
 def gauss_selection(
-    scene: AbstractScene, geometry: ContactGeometry, t, q, v, closed: Bool[Array, "contact"], speed
+    scene: AbstractScene, geometry: ContactGeometry, t, q, v, closed: Bool[Array, "contact"], slowest
 ) -> Selection:
     """Gauss's principle (1.4)-(1.5) as (T2) on the contacts that are closed and have no rate.
 
-    0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0; `speed` (contact,) is what rounding in the rates is relative to.
+    0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0; a rate up to
+    `slowest` (contact,) counts as none.
     """
     _, rate = gap_and_rate(scene, t, q, v)
     tolerance = closeness(q.dtype)
-    still = closed & (jnp.abs(rate) <= tolerance * speed)
+    still = closed & (jnp.abs(rate) <= slowest)
     free = free_acceleration(scene, t, q, v)
     _, bias = gap_rate_and_bias(scene, t, q, v)
     gap_acceleration = geometry.jacobian @ free + bias

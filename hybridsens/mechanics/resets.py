@@ -39,41 +39,44 @@ def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, 
     fired = jnp.arange(gap.shape[0]) == event
     is_release = mode.active[event]
     touching = _touching(geometry, event, gap, gap_tolerance(mode.length) + time_resolution(t, 2) * jnp.abs(rate))
-    closed = jnp.where(is_release, mode.held & ~fired, mode.held | fired | touching)
+    held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
+    closed = jnp.where(is_release, held & ~fired, held | fired | touching)
     struck = closed & ~is_release
     fastest = jnp.where(struck, jnp.maximum(mode.fastest, -rate), mode.fastest)
     mode = dataclasses.replace(mode, fastest=fastest)
     grazing = ~is_release & _is_grazing(rate[event], gap_acceleration[event], depth[0] * mode.length[event] + depth[1])
     e = scene.restitution()
 
-    def impact(plastic):
+    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)  # lower hops are rounding
+    nobody = jnp.zeros_like(closed)
+
+    def impact(plastic, forced):
         restitution = jnp.where(plastic, 0, e)
-        support = impulse_support(geometry, rate, restitution, struck, mode.speed)
+        support = impulse_support(geometry, rate, restitution, struck, mode.speed, forced)
         return support, v + geometry.mobility @ impact_impulse(geometry, rate, restitution, support)
 
-    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)  # lower hops are rounding
-
     if not scene.sustained_contact:
-        plastic = jnp.zeros_like(closed)
-        support, v_after = impact(plastic)
+        support, v_after = impact(nobody, nobody)
         hop = _hop(scene, t, q, v_after, gap_acceleration, struck)
         stays = (jnp.maximum(-e * rate, 0) <= unseen)[event] & (gap_acceleration[event] < 0)
-        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, plastic), grazing, stays, hop)
+        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, nobody), grazing, stays, hop)
 
-    # A rebound too slow to matter (or to be seen above the rounding of the gap) is plastic, but only where the
-    # contact is pressed together: a grazing contact leaves slowly too, and has to keep its rebound. So the law is
-    # applied twice: with every slow contact plastic, and with those of them that were held then.
-    slow = struck & (e * jnp.maximum(-rate, 0) <= jnp.maximum(capture_speed * fastest, unseen))
+    # A contact that leaves too slowly to matter (or to be seen above the rounding of the gap), struck or kicked off by
+    # a neighbour, is captured, but only where it is pressed together: a grazing contact leaves slowly too, and has to
+    # keep its rebound. So the law is applied twice: with every slow contact plastic, and with those that were held then.
+    slowest = jnp.maximum(capture_speed * jnp.max(jnp.where(closed, fastest, 0)), unseen)
+    slow = struck & (e * jnp.maximum(-rate, 0) <= slowest)
 
-    def law(_, carry):
-        plastic = carry[3]
-        support, v_after = impact(plastic)
-        selection = gauss_selection(scene, geometry, t, q, v_after, closed, mode.speed)
-        return plastic, support, selection, slow & selection.active, v_after
+    def law(turn, carry):
+        plastic, forced = carry[3], carry[4]
+        support, v_after = impact(plastic, forced)
+        limit = jnp.where(turn == 0, slowest, closeness(q.dtype) * mode.speed)
+        selection = gauss_selection(scene, geometry, t, q, v_after, closed, limit)
+        held = struck & selection.active
+        return plastic, support, selection, held, held, v_after
 
-    nobody = jnp.zeros_like(closed)
-    start = (nobody, nobody, Selection(nobody, nobody), slow, v)
-    plastic, support, selection, _, v_after = lax.fori_loop(0, 2, law, start)
+    start = (nobody, nobody, Selection(nobody, nobody), slow, nobody, v)
+    plastic, support, selection, _, _, v_after = lax.fori_loop(0, 2, law, start)
     after = _with_selection(mode, selection)
     kind = jnp.where(is_release, EventKind.RELEASE, jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT))
     hop = _hop(scene, t, q, v_after, gap_acceleration, struck & ~after.active)
@@ -93,7 +96,7 @@ def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
     if not scene.sustained_contact:
         return mode
     closed = gap <= gap_tolerance(mode.length)
-    return _with_selection(mode, gauss_selection(scene, geometry, t, q, v, closed, mode.speed))
+    return _with_selection(mode, gauss_selection(scene, geometry, t, q, v, closed, closeness(q.dtype) * mode.speed))
 
 
 def _gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v, mode: ContactMode):
