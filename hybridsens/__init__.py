@@ -20,9 +20,19 @@ from .trajectory import Trajectory as Trajectory
 _STUDIES = {
     "check_gradient": "check_gradient",
     "compare": "compare",
-    "fit": "fit",
-    "sweep": "sweep",
     "work_precision": "work_precision",
+    "fit": "fit",
+    "FitResult": "fit",
+    "GrowingHorizon": "fit",
+    "MultipleShooting": "fit",
+    "measurements": "fit",
+    "read_measurements": "fit",
+    "sweep": "sweep",
+    "grid": "sweep",
+    "latin_hypercube": "sweep",
+    "sobol": "sweep",
+    "plot_sweep": "sweep",
+    "plot_bifurcation": "sweep",
 }
 
 

@@ -59,7 +59,8 @@ def scene(contacts, e, force=(0.0, -10.0, 0.0), mass=(1.0, 1.0, 1.0)) -> LinearC
 @functools.cache
 def _compiled():
     def final(scene, state, t1):
-        trajectory = hs.simulate(scene, state, t1=t1, rtol=1e-10, atol=1e-10, max_events=64, max_steps=2000, throw=False)
+        settings = dict(rtol=1e-10, atol=1e-10, max_events=64, max_steps=2000, throw=False)
+        trajectory = hs.simulate(scene, state, t1=t1, **settings)
         return jnp.concatenate([trajectory.final.q, trajectory.final.v]), trajectory
 
     return jax.jit(jax.jacrev(final, argnums=(0, 1), has_aux=True))

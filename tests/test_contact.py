@@ -43,7 +43,7 @@ def test_a_wall_is_struck_while_the_floor_is_held():
 
 
 def test_an_impact_presses_on_a_held_contact():
-    """A wall that leans over: the floor's impulse answers the wall's, and the body slides back as from a straight one."""
+    """A wall that leans over: the floor's impulse answers the wall's, and the body slides straight back."""
     motion = linear.solve(linear.scene([FLOOR, DOWN], [0.0, 0.8]), [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 2.0)
     impulse = 1.8 / np.cos(SLANT)
     assert_close(motion.trajectory.events.impulse[0, :2], [impulse * np.sin(SLANT), impulse], 1e-12)
@@ -103,7 +103,7 @@ def test_capture_and_slide_on_an_incline(height):
 @pytest.mark.parametrize("height", [0.0, 0.7], ids=["floor at 0", "floor elsewhere"])
 @pytest.mark.parametrize("feet", [THREE_FEET, FEET], ids=["three feet", "four feet"])
 def test_a_plate_stands_on_its_feet(feet, height):
-    """Forces on four feet are not unique (W is singular), but the motion is: the plate stays, at any height of the floor."""
+    """Forces on four feet are not unique (W is singular), but the motion is: the plate stays."""
     scene = linear.scene(raised(feet, height), [0.5] * len(feet), **PLATE)
     motion = linear.solve(scene, [height, 0.0, 0.0], [0.0, 0.0, 0.0], 2.0)
     assert motion.trajectory.events.count == 0
@@ -154,7 +154,7 @@ class Bowl(hs.AbstractScene):
 
 
 def test_sustained_contact_does_not_drift():
-    """A mass sliding in a bowl is a pendulum: after 20 periods it is where it was, and never left the bowl meanwhile."""
+    """A mass sliding in a bowl is a pendulum: after 20 periods it is where it was, and never left the bowl."""
     angle, tolerance = 1.2, 1e-9
     period = 4 * ellipk(np.sin(angle / 2) ** 2)
     start = jnp.array([np.sin(angle), -np.cos(angle)])

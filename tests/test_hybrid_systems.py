@@ -13,7 +13,10 @@ WITHIN = 1e-9
 
 
 class Thermostat(hs.AbstractHybridSystem):
-    """x' = a (outside - x) + heat while the heater is on; it switches at `low` and `high`. The mode says whether it is on."""
+    """x' = a (outside - x) + heat while the heater is on; it switches at `low` and `high`.
+
+    The mode says whether the heater is on.
+    """
 
     p: jax.Array
 
@@ -68,7 +71,7 @@ def jacobian(function, adjoint):
 
 @pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
 def test_thermostat(adjoint):
-    """Three switches in closed form; the last temperature and every switching time by a, outside, heat, low, high, start."""
+    """Three switches in closed form: their times and the last temperature, by every parameter and the start."""
 
     def computed(p, adjoint):
         report = run(Thermostat(p[:5]), p[5:], False, 3.2, adjoint)

@@ -41,10 +41,13 @@ def test_ball_after_one_bounce():
 
 @pytest.mark.parametrize(
     "e, x, loss, by_e",
-    [(0.8, 8.49421700760603, 132.383042268, -7238.72161744448), (0.866554105436901, 19.3679028154539, 0.399546850711, 0.0)],
+    [
+        (0.8, 8.49421700760603, 132.383042268, -7238.72161744448),
+        (0.866554105436901, 19.3679028154539, 0.399546850711, 0.0),
+    ],
 )
 def test_loss_of_a_fit_and_its_slope(e, x, loss, by_e):
-    """SciMLSensitivity's documentation: the loss (x(15) - 20)^2 and its derivative by e, which is 0 at the published optimum."""
+    """SciMLSensitivity's documentation: the loss (x(15) - 20)^2 and its slope, 0 at the published optimum."""
     seen, jacobian, _ = ball(50.0, 0.0, 9.8, e, 15.0)
     miss = seen.final[0] - 20
     assert_close(seen.final[0], x, WITHIN)
@@ -190,7 +193,7 @@ def test_equal_elastic_balls_swap_their_motions():
     "above, by_speed", [(1e-2, -0.922515353835), (1e-4, -10.0922527905), (1e-6, -101.834913354), (1e-8, -1019.26606014)]
 )
 def test_derivative_grows_towards_grazing(above, by_speed):
-    """A ceiling reached with v0^2 = 2 g h (1 + d): dt/dv0 = -t / sqrt(v0^2 - 2 g h); the closing speed tells the margin.
+    """A ceiling reached with v0^2 = 2 g h (1 + d): dt/dv0 = -t / sqrt(v0^2 - 2 g h), the closing speed.
 
     Seen upside down: a ball falls against gravity to the floor. The speed at the ceiling is a difference of numbers
     1/d times larger, which is what the allowance grows with.

@@ -62,7 +62,7 @@ P12 = (5.0, 0.0, 9.8, 0.8)
     ],
 )
 def test_sum_of_saved_states(with_events, value, gradient):
-    """SciML's callback test: the sum of all that is saved every half second, with both sides of the event and without."""
+    """SciML's callback test: the sum of all that is saved, with both sides of the event and without."""
     (samples, sides, _), (d_samples, d_sides, _), _ = solve(P12, EVERY_HALF_SECOND)
     found, by_p = jnp.sum(samples), jnp.sum(d_samples[0], axis=(0, 1))
     if with_events:
@@ -116,7 +116,7 @@ def test_dates_only_shift_an_autonomous_motion():
 
 
 class BallAndParticle(hs.AbstractScene):
-    """A ball above a floor and a particle before a wall at 10, which know nothing of each other; p = (x0, v0, y0, w0, g, e)."""
+    """A ball above a floor and a particle before a wall at 10, which do not meet; p = (x0, v0, y0, w0, g, e)."""
 
     sustained_contact = False
     p: jax.Array
@@ -150,13 +150,25 @@ loss_and_gradient = jax.jit(jax.value_and_grad(loss))
 @pytest.mark.parametrize(
     "w0, value, gradient",
     [
-        (1.999, 16014.567051736, [548.587464282, 78.0016572283, -247.341025268, -1345.59573996, 440.718215116, 39034.9178557]),
-        (2.001, 16015.212882409, [548.431982436, 77.8827691331, -264.589012391, -1428.56779167, 440.975444916, 39027.9306549]),
-        (2.01, 16002.37807317, [547.74312259, 77.3705669615, -265.140025821, -1423.44802332, 442.074949103, 38971.5875115]),
+        (
+            1.999,
+            16014.567051736,
+            [548.587464282, 78.0016572283, -247.341025268, -1345.59573996, 440.718215116, 39034.9178557],
+        ),
+        (
+            2.001,
+            16015.212882409,
+            [548.431982436, 77.8827691331, -264.589012391, -1428.56779167, 440.975444916, 39027.9306549],
+        ),
+        (
+            2.01,
+            16002.37807317,
+            [547.74312259, 77.3705669615, -265.140025821, -1423.44802332, 442.074949103, 38971.5875115],
+        ),
     ],
 )
 def test_losses_on_both_sides_of_a_data_time_at_an_event(w0, value, gradient):
-    """SciML's issue 1447: where the particle hits at a save time (w0 = 2) the loss jumps, and has two one-sided gradients."""
+    """SciML #1447: where the particle hits at a save time (w0 = 2) the loss jumps between two gradients."""
     found, by_p = loss_and_gradient(jnp.array([50.0, 0.0, 0.0, w0, 9.8, 0.9]))
     assert_close(found, value, WITHIN)
     assert_close(by_p, gradient, WITHIN)

@@ -62,9 +62,13 @@ def compiled(max_events=16, max_steps=200, throw=False):
     return jax.jit(run)
 
 
+def arrays(**changed):
+    """The good motion's inputs with some of them changed."""
+    return {name: jnp.asarray(value, float) for name, value in (GOOD | changed).items()}
+
+
 def status(run=None, **changed):
-    given = {name: jnp.asarray(value, float) for name, value in (GOOD | changed).items()}
-    return (run or compiled())(**given).status
+    return (run or compiled())(**arrays(**changed)).status
 
 
 BAD = {
@@ -127,7 +131,7 @@ def test_force_that_becomes_infinite_on_the_way():
 
 def test_room_for_events_is_used_up():
     """The motion stops at the last event there was room for, and says so."""
-    trajectory = compiled(max_events=2)(**{name: jnp.asarray(value, float) for name, value in (GOOD | dict(t1=5.0)).items()})
+    trajectory = compiled(max_events=2)(**arrays(t1=5.0))
     assert trajectory.status == hs.Status.max_events_reached
     assert trajectory.events.count == 2
     assert bool(jnp.all(jnp.isfinite(trajectory.events.time)))
@@ -135,7 +139,7 @@ def test_room_for_events_is_used_up():
 
 def test_room_for_steps_is_used_up():
     """And no more steps were tried than there was room for."""
-    trajectory = compiled(max_steps=4)(**{name: jnp.asarray(value, float) for name, value in GOOD.items()})
+    trajectory = compiled(max_steps=4)(**arrays())
     assert trajectory.status == hs.Status.max_steps_reached
     assert trajectory.steps.accepted + trajectory.steps.rejected <= 4
 
@@ -163,10 +167,9 @@ def test_throw_raises_with_the_remedy():
 def test_a_bad_lane_leaves_the_others_right(way):
     """In a batch each lane has its own status, and good lanes have the values and gradients they have alone."""
     run = compiled()
-    good = {name: jnp.asarray(value, float) for name, value in GOOD.items()}
 
     def final(p):
-        trajectory = run(**(good | dict(p=p)))
+        trajectory = run(**arrays(p=p))
         return trajectory.final.q[0], trajectory.status
 
     function = final if way == "value" else jax.grad(final, has_aux=True)

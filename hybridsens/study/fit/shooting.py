@@ -24,8 +24,10 @@ from .problem import Problem, Trial
 class MultipleShooting(eqx.Module):
     """Fit windows of the horizon side by side, tied together more firmly from stage to stage; then the full problem.
 
-    Use it where a motion forgets its start (chaos, many impacts). It works best when all coordinates are measured:
+    Meant for motions that forget their start (chaos, many impacts). It works best when all coordinates are measured:
     then the windows start from the data; otherwise from the motion of the guess. Event times take no part in it.
+    Where the motion is not chaotic try `GrowingHorizon` first: from guesses up to 30 % off it found the elastic stop's
+    six parameters in 99 of 100 records, multiple shooting in 9 of 20 (benchmarks/fit_recovery.py).
     """
 
     windows: int = eqx.field(static=True, default=4)
