@@ -108,8 +108,8 @@ def print_contender(problem: str, contender: Contender, tolerance: float) -> Non
         return
     parameters = reference.load(problem).parameters
     try:
-        value, both = contender.build(problem, tolerance)
         start = time.perf_counter()
+        value, both = contender.build(problem, tolerance)
         found = reference.errors(problem, *map(np.asarray, both(parameters)))
         value(parameters)
         compile_seconds = time.perf_counter() - start
