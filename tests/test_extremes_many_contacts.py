@@ -49,7 +49,8 @@ def run(scene, q, v, t1, max_events=512):
 def row(count, e, mass=None):
     """Balls of diameter 1 in a line, each gap between neighbours."""
     normals = np.eye(count - 1, count, 1) - np.eye(count - 1, count)
-    return make(np.ones(count) if mass is None else mass, np.zeros(count), normals, -np.ones(count - 1), [e] * (count - 1))
+    masses = np.ones(count) if mass is None else mass
+    return make(masses, np.zeros(count), normals, -np.ones(count - 1), [e] * (count - 1))
 
 
 @pytest.mark.parametrize("ratio", [1e-8, 1e-4, 1.0, 1e4, 1e8])

@@ -150,7 +150,9 @@ def test_an_impact_near_the_end_is_on_one_side_of_it(shift):
     assert_close(trajectory.final.v, np.array([[-1, 0.5][happened] * GRAVITY * impact]), 1e-7)
 
 
-@pytest.mark.parametrize("gap, speed", [(1e-17, 0.0), (1e-12, 0.0), (1e-8, 0.0), (0.0, 1e-12), (0.0, -1e-8), (0.0, 1e-4)])
+@pytest.mark.parametrize(
+    "gap, speed", [(1e-17, 0.0), (1e-12, 0.0), (1e-8, 0.0), (0.0, 1e-12), (0.0, -1e-8), (0.0, 1e-4)]
+)
 def test_a_body_that_almost_rests_comes_to_rest(gap, speed):
     """Bounces of the size of rounding do not go on for ever."""
     _, _, trajectory = go(make(load=-GRAVITY, offset=-1.0), 1.0 + gap, speed, 1.0)

@@ -63,7 +63,7 @@ def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, 
 
     # A contact that leaves too slowly to matter (or to be seen above the rounding of the gap), struck or kicked off by
     # a neighbour, is captured, but only where it is pressed together: a grazing contact leaves slowly too, and has to
-    # keep its rebound. So the law is applied twice: with every slow contact plastic, and with those that were held then.
+    # keep its rebound. So the law is applied twice: with every slow contact plastic, then with those that were held.
     slowest = jnp.maximum(capture_speed * jnp.max(jnp.where(closed, fastest, 0)), unseen)
     slow = struck & (e * jnp.maximum(-rate, 0) <= slowest)
 

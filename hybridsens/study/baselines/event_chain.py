@@ -72,6 +72,7 @@ def event_chain(
     def segment(carry, _):
         here, samples = carry
         solution = solve_segment(system, here.mode, here.t, here.x, t1, tolerance, MAX_STEPS, saveat)
+        assert solution.ts is not None and solution.ys is not None
         t, before = solution.ts[-1], solution.ys[-1]
         if ts is not None:
             samples = _fill(samples, ts, here.t, t, t1, solution)

@@ -90,8 +90,8 @@ def observations(data: Measurements) -> Observations:
     if np.any(contacts < 0) and np.any(contacts >= 0):
         raise ValueError(f"`event_contacts` must be known for all event times or for none, but has {contacts}.")
     arrays = (data.times, np.where(known, data.values, 0), np.where(known, 1 / sigmas, 0), data.event_times,
-              1 / data.event_sigmas)  # fmt: skip
-    return Observations(*(jnp.asarray(a) for a in arrays), jnp.asarray(contacts), jnp.asarray(ranks, int))
+              1 / data.event_sigmas, contacts, np.array(ranks, int))  # fmt: skip
+    return Observations(*(jnp.asarray(a) for a in arrays))
 
 
 def prior(selection: Selection, priors: Mapping[str, Any] | None) -> Prior:

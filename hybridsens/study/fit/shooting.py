@@ -126,7 +126,8 @@ def cut(problem: Problem, z, windows: int) -> tuple[ShootingProblem, Array]:
     states = _states(problem, z, times)
     scale = np.maximum(np.abs(states).max(axis=0), 1e-12)
     starts = np.stack([states[piece[0]] for piece in pieces[1:]])
-    shooting = ShootingProblem(problem, *map(jnp.asarray, (edges, places, inside, scale)), jnp.ones(()))
+    edges, places, inside, scale = (jnp.asarray(array) for array in (edges, places, inside, scale))
+    shooting = ShootingProblem(problem, edges, places, inside, scale, jnp.ones(()))
     return shooting, jnp.concatenate([z, jnp.ravel(jnp.asarray(starts))])
 
 
