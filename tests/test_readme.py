@@ -22,12 +22,22 @@ def _height_after_one_impact(weight, e):
 def test_the_example_prints_the_closed_form_gradient(monkeypatch):
     """The example of the README runs as it stands, and its gradient is that of the closed form."""
     monkeypatch.setattr(hybridsens, "configure", lambda: None)  # JAX has started in this process
-    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    code, _ = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     names: dict = {}
     exec(code, names)
     expected = jax.grad(_height_after_one_impact, argnums=(0, 1))(9.81, 0.8)
     gradient = names["gradient"]
     np.testing.assert_allclose([gradient.weight, gradient.e], expected, rtol=1e-7)
+
+
+def test_the_study_sweeps_its_grid(monkeypatch):
+    """The study of the README runs as it stands, and finishes every point of its grid."""
+    monkeypatch.setattr(hybridsens, "configure", lambda: None)  # JAX has started in this process
+    _, code = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    names: dict = {}
+    exec(code.replace("print(", "dataset = ("), names)
+    assert names["dataset"].J.shape == (3, 2)
+    assert np.all(np.isfinite(names["dataset"].J))
 
 
 def test_the_first_forty_lines_hold_what_a_new_user_needs():
