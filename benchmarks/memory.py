@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 
-METHODS = ("Replay()", "Replay(recompute=True)", "ForwardSensitivities()")
+METHODS = ("Replay()", "ForwardSensitivities()")
 GRAVITY = 9.81
 
 
@@ -70,7 +70,7 @@ def measure(method: str, impacts: int, tolerance: float) -> dict[str, float]:
 
 
 def make_method(hs, text: str):
-    """`Replay(recompute=True)` as an object. Raises: TypeError or AttributeError if this version does not have it."""
+    """`Replay()` as an object. Raises: TypeError or AttributeError if this version does not have it."""
     call = ast.parse(text, mode="eval").body
     assert isinstance(call, ast.Call) and isinstance(call.func, ast.Name)
     return getattr(hs, call.func.id)(**{word.arg: ast.literal_eval(word.value) for word in call.keywords if word.arg})

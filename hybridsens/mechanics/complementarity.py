@@ -13,26 +13,22 @@ def complementarity_support(
     vector: Float[Array, "n"],
     candidates: Bool[Array, "n"],
     noise: Float[Array, "n"],
-    forced: Bool[Array, "n"] | None = None,
 ) -> Bool[Array, "n"]:
     """The index set S of the positive unknowns in
 
         0 <= x _|_ W x + b >= 0   on the candidates, x = 0 elsewhere,   W = W^T >= 0.
 
     Active sets in the manner of Lawson and Hanson (1974, ch. 23), for the problem's quadratic programme: take in
-    the candidate that is violated most, solve with equality on S, and let go what would turn negative. A column
-    that depends on those of S is never taken in, because then its residual vanishes with theirs: so W_SS is regular
-    even
-    where W is singular. `noise` is how large a residual rounding alone can make. Indices that are
-    `forced` (independent ones) hold with equality whatever their sign. Nothing here is differentiated:
-    S is piecewise constant, and x_S = -W_SS^-1 b_S is solved again where its derivative is wanted.
+    the candidate that is violated most, solve with equality on S, and let go what would turn negative. A column that
+    depends on those of S is never taken in, because then its residual vanishes with theirs: so W_SS is regular even
+    where W is singular. `noise` is how large a residual rounding alone can make. Nothing here is differentiated: S is
+    piecewise constant, and x_S = -W_SS^-1 b_S is solved again where its derivative is wanted.
     """
     matrix, vector, noise = lax.stop_gradient((matrix, vector, noise))
     if vector.shape[0] == 0:
         return candidates
-    forced = jnp.zeros_like(candidates) if forced is None else forced
     if vector.shape[0] == 1:
-        return forced | (candidates & (vector < -noise))
+        return candidates & (vector < -noise)
 
     def take_in(S, x):
         residual = matrix @ x + vector
@@ -42,7 +38,7 @@ def complementarity_support(
         return jnp.where(finished, S, S.at[worst].set(True)), finished
 
     def let_go(S, x, target):
-        negative = S & ~forced & (target <= 0)
+        negative = S & (target <= 0)
         fraction = jnp.where(negative, x / jnp.where(negative, x - target, 1), jnp.inf)
         step = jnp.min(fraction)
         x = x + step * (target - x)
@@ -52,7 +48,7 @@ def complementarity_support(
     def body(carry):
         S, x, _, count = carry
         target = solve_masked(matrix, -vector, S.astype(vector.dtype))
-        feasible = jnp.all(~S | forced | (target > 0))
+        feasible = jnp.all(~S | (target > 0))
         S_out, x_out = let_go(S, x, target)
         S_in, finished = take_in(S, target)
         S_next = jnp.where(feasible, S_in, S_out)
@@ -61,5 +57,5 @@ def complementarity_support(
     def unfinished(carry):
         return ~carry[2] & (carry[3] < 4 * vector.shape[0] + 4)
 
-    start = (forced, jnp.zeros_like(vector), jnp.array(False), 0)
+    start = (jnp.zeros_like(candidates), jnp.zeros_like(vector), jnp.array(False), 0)
     return lax.while_loop(unfinished, body, jax.tree.map(jnp.asarray, start))[0]

@@ -30,13 +30,13 @@ def impact_impulse(
 
 
 def impulse_support(
-    geometry: ContactGeometry, rate, restitution, closed: Bool[Array, "contact"], speed, forced
+    geometry: ContactGeometry, rate, restitution, closed: Bool[Array, "contact"], speed
 ) -> Bool[Array, "contact"]:
     """Contacts whose impulse is positive in (T3): 0 <= P _|_ phi'+ + E phi'- >= 0 on the closed contacts.
 
-    `speed` (contact,) is what rounding in the rates is relative to; `forced` contacts take part in any case."""
+    `speed` (contact,) is what rounding in the rates is relative to."""
     noise = closeness(rate.dtype) * speed
-    return complementarity_support(geometry.delassus_matrix, (1 + restitution) * rate, closed, noise, forced)
+    return complementarity_support(geometry.delassus_matrix, (1 + restitution) * rate, closed, noise)
 
 
 def gauss_selection(

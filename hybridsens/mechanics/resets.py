@@ -50,33 +50,31 @@ def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, 
     unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)  # lower hops are rounding
     nobody = jnp.zeros_like(closed)
 
-    def impact(plastic, forced):
+    def impact(plastic):
         restitution = jnp.where(plastic, 0, e)
-        support = impulse_support(geometry, rate, restitution, struck, mode.speed, forced)
+        support = impulse_support(geometry, rate, restitution, struck, mode.speed)
         return support, v + geometry.mobility @ impact_impulse(geometry, rate, restitution, support)
 
     if not scene.sustained_contact:
-        support, v_after = impact(nobody, nobody)
+        support, v_after = impact(nobody)
         hop = _hop(scene, t, q, v_after, gap_acceleration, struck)
         stays = (jnp.maximum(-e * rate, 0) <= unseen)[event] & (gap_acceleration[event] < 0)
         return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, nobody), grazing, stays, hop)
 
-    # A contact that leaves too slowly to matter (or to be seen above the rounding of the gap), struck or kicked off by
-    # a neighbour, is captured, but only where it is pressed together: a grazing contact leaves slowly too, and has to
-    # keep its rebound. So the law is applied twice: with every slow contact plastic, then with those that were held.
-    slowest = jnp.maximum(capture_speed * jnp.max(jnp.where(closed, fastest, 0)), unseen)
-    slow = struck & (e * jnp.maximum(-rate, 0) <= slowest)
+    # A rebound too slow to matter (or to be seen above the rounding of the gap) is plastic, but only where the
+    # contact is pressed together: a grazing contact leaves slowly too, and has to keep its rebound. So the law is
+    # applied twice: with every slow contact plastic, and with those of them that were held then.
+    slow = struck & (e * jnp.maximum(-rate, 0) <= jnp.maximum(capture_speed * fastest, unseen))
+    slowest = closeness(q.dtype) * mode.speed
 
-    def law(turn, carry):
-        plastic, forced = carry[3], carry[4]
-        support, v_after = impact(plastic, forced)
-        limit = jnp.where(turn == 0, slowest, closeness(q.dtype) * mode.speed)
-        selection = gauss_selection(scene, geometry, t, q, v_after, closed, limit)
-        held = struck & selection.active
-        return plastic, support, selection, held, held, v_after
+    def law(_, carry):
+        plastic = carry[3]
+        support, v_after = impact(plastic)
+        selection = gauss_selection(scene, geometry, t, q, v_after, closed, slowest)
+        return plastic, support, selection, slow & selection.active, v_after
 
-    start = (nobody, nobody, Selection(nobody, nobody), slow, nobody, v)
-    plastic, support, selection, _, _, v_after = lax.fori_loop(0, 2, law, start)
+    start = (nobody, nobody, Selection(nobody, nobody), slow, v)
+    plastic, support, selection, _, v_after = lax.fori_loop(0, 2, law, start)
     after = _with_selection(mode, selection)
     kind = jnp.where(is_release, EventKind.RELEASE, jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT))
     hop = _hop(scene, t, q, v_after, gap_acceleration, struck & ~after.active)
