@@ -20,7 +20,9 @@ from .trajectory import Trajectory as Trajectory
 _STUDIES = {
     "check_gradient": "check_gradient",
     "compare": "compare",
+    "plot_comparison": "compare_plot",
     "work_precision": "work_precision",
+    "plot_work_precision": "work_precision_plot",
     "fit": "fit",
     "FitResult": "fit",
     "GrowingHorizon": "fit",

@@ -134,3 +134,11 @@ def test_a_cost_must_be_a_scalar_and_must_be_given():
         compare(jnp.ones(2), lambda p, simulate: p, progress=False)
     with pytest.raises(TypeError, match="`cost` must be given"):
         compare(jnp.ones(2), progress=False)
+
+
+def test_every_study_is_found_in_the_package():
+    """Each name that is imported when it is first asked for is there, and no other."""
+    for name in hs._STUDIES:
+        assert getattr(hs, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        hs.nothing  # noqa: B018

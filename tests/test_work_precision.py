@@ -1,17 +1,22 @@
 """The study of accuracy against time: errors fall with the tolerance, the front is one, the advice follows from it."""
 
 import csv
+import importlib
+import sys
 
 import diffrax
 import numpy as np
 import problems
 import pytest
 
+import hybridsens as hs
 from hybridsens.scenes import ElasticStop
 from hybridsens.study.compare import Reference
 from hybridsens.study.work_precision import Point, WorkPrecision, work_precision
+from hybridsens.study.work_precision_file import read_points, write_points
 from hybridsens.study.work_precision_plot import plot_work_precision
 
+work_precision_module = importlib.import_module("hybridsens.study.work_precision")
 ROOM = dict(max_events=16, max_steps=2048, progress=False)
 
 
@@ -38,21 +43,85 @@ def scene():
 
 
 def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_path, reference):
-    """Each factor of 1000 in the tolerance gains at least 100 in the gradient; the CSV holds the same points."""
+    """By replay and by the continuous costate each factor of 1000 in the tolerance gains at least 100 in the gradient.
+
+    At 1e-11 both are right to 1e-10; the CSV holds the same points.
+    """
     path = tmp_path / "points.csv"
+    methods = (hs.Replay(), hs.ContinuousCostate())
     study = work_precision(
-        scene(), tolerances=(1e-5, 1e-8, 1e-11), solvers=[diffrax.Tsit5()], reference=reference, path=path, **ROOM
-    )
+        scene(), tolerances=(1e-5, 1e-8, 1e-11), solvers=[diffrax.Tsit5()], methods=methods, reference=reference,
+        path=path, **ROOM,
+    )  # fmt: skip
+    assert [point.method for point in study.points] == 3 * ["Replay"] + 3 * ["ContinuousCostate"]
     errors = [point.gradient_error for point in study.points]
-    assert errors[1] < errors[0] / 100 and errors[2] < errors[1] / 100
+    for loose, middle, tight in (errors[:3], errors[3:]):
+        assert middle < loose / 100 and tight < middle / 100 and tight < 1e-10
     with open(path, newline="") as file:
         assert [float(line["gradient_error"]) for line in csv.DictReader(file)] == errors
     plot_work_precision(study).savefig(tmp_path / "points.png")
 
 
+class Meter:
+    """Stands for the measurement of a point; `stops_at` is when Ctrl-C is pressed."""
+
+    def __init__(self, stops_at=None):
+        self.count, self.stops_at = 0, stops_at
+
+    def __call__(self, call, reference):
+        if self.count == self.stops_at:
+            raise KeyboardInterrupt
+        self.count += 1
+        return 1e-7, float("nan") if self.count == 2 else 1 / 3, 0.1 * self.count, 0.5
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_an_interrupted_study_goes_on_where_it_stopped(ending, tmp_path, reference, monkeypatch):
+    """Three of eight points, then the five others; the file has every point once, to the last bit."""
+    path = tmp_path / f"points.{ending}"
+    asked = dict(tolerances=(1e-4, 1e-5), solvers=[diffrax.Tsit5()], dtypes=("float64", "float32"))
+    asked |= dict(methods=(hs.Replay(), hs.ContinuousCostate(rtol=1e-10)), reference=reference, path=path)
+    monkeypatch.setattr(work_precision_module, "_measure", first := Meter(stops_at=3))
+    begun = work_precision(scene(), **asked, **ROOM)
+    assert begun.interrupted and len(begun.points) == first.count == 3
+    assert _same(read_points(path, reference.value), begun.points)
+    monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
+    whole = work_precision(scene(), **asked, resume=True, **ROOM)
+    assert second.count == 5 and not whole.interrupted and _same(whole.points[:3], begun.points)
+    assert len({point[:4] for point in whole.points}) == 8
+    assert _same(read_points(path, reference.value), whole.points)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def _same(found, expected) -> bool:
+    return repr(found) == repr(expected)  # nan is nan here
+
+
+def test_a_file_of_something_else_is_refused(tmp_path, reference):
+    """Points of another J, a table of another kind, another ending, and no file at all where one must be."""
+    path = tmp_path / "points.csv"
+    write_points(path, [Point("Tsit5", "Replay", "float64", 1e-7)], reference.value * 1.001)
+    with pytest.raises(ValueError, match="must have points of the same J"):
+        work_precision(scene(), reference=reference, path=path, resume=True)
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match="must have the columns solver, method"):
+        work_precision(scene(), reference=reference, path=path, resume=True)
+    with pytest.raises(ValueError, match="must end in .csv or .parquet"):
+        work_precision(scene(), reference=reference, path=tmp_path / "points.txt")
+    with pytest.raises(ValueError, match="`resume` must have a `path`"):
+        work_precision(scene(), reference=reference, resume=True)
+
+
+def test_without_pyarrow_parquet_is_refused_before_anything_is_run(tmp_path, monkeypatch):
+    """The error says what to install."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ImportError, match="pip install 'hybridsens.parquet.'"):
+        work_precision(scene(), path=tmp_path / "points.parquet")
+
+
 def test_float32_is_float32_and_restores_double_precision(reference):
     """In single precision the gradient is right to 1e-4 and not to 1e-8, and the setting is undone afterwards."""
-    settings = dict(tolerances=(1e-5,), solvers=[diffrax.Tsit5()], dtypes=("float32",))
+    settings = dict(tolerances=(1e-5,), solvers=[diffrax.Tsit5()], methods=(hs.Replay(),), dtypes=("float32",))
     study = work_precision(scene(), reference=reference, **settings, **ROOM)
     assert study.points[0].failure == ""
     assert 1e-8 < study.points[0].gradient_error < 1e-3
@@ -62,9 +131,11 @@ def test_float32_is_float32_and_restores_double_precision(reference):
 def test_a_setting_that_fails_is_a_point_with_its_reason(reference):
     """Eight steps are too few; the point says so and the advice does not use it."""
     room = ROOM | dict(max_steps=8)
-    study = work_precision(scene(), tolerances=(1e-8,), solvers=[diffrax.Tsit5()], reference=reference, **room)
+    asked = dict(tolerances=(1e-8,), solvers=[diffrax.Tsit5()], methods=(hs.Replay(),), reference=reference)
+    study = work_precision(scene(), **asked, **room)
     assert "max_steps" in study.points[0].failure
     assert study.pareto() == [] and study.recommend(1.0) is None
+    plot_work_precision(study)
 
 
 def test_front_and_advice_follow_from_the_points():

@@ -1,20 +1,26 @@
 """`hybridsens tradeoff`: accuracy against time on a ready-made scene."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ..scenes import SCENES
 
+METHODS = ("Replay", "ForwardSensitivities", "ContinuousCostate", "DiffraxAdjoint")
+
 
 def tradeoff(
     scene: Annotated[str, typer.Argument(help="A name from `hybridsens scenes`.")] = "elastic-stop",
     solver: Annotated[list[str] | None, typer.Option(help="Name of a Diffrax solver; repeat for more.")] = None,
+    method: Annotated[list[str] | None, typer.Option(help=f"One of {', '.join(METHODS)}; repeat for more.")] = None,
     single: Annotated[bool, typer.Option(help="Measure float32 as well.")] = True,
     target: Annotated[float, typer.Option(help="Gradient error to recommend a setting for.")] = 1e-6,
     output: Annotated[Path | None, typer.Option(help="Picture. Default: hybridsens-tradeoff-SCENE.png here.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Points, written one by one. Default: beside the picture.")] = None,
+    points: Annotated[
+        Path | None, typer.Option(help="Points, .csv or .parquet, written one by one. Default: beside the picture.")
+    ] = None,
+    resume: Annotated[bool, typer.Option(help="Go on with the points that are in the file.")] = False,
 ) -> None:
     """Errors of J and of its gradient against time per gradient, and the setting to choose. Ctrl-C keeps the points."""
     from ..study.work_precision import work_precision  # matplotlib is needed by these commands only
@@ -23,19 +29,30 @@ def tradeoff(
     if scene not in SCENES:
         raise typer.BadParameter(f"there is no scene {scene!r}; choose one of {', '.join(SCENES)}")
     output = output or Path(f"hybridsens-tradeoff-{scene}.png")
-    csv = csv or output.with_suffix(".csv")
+    points = points or output.with_suffix(".csv")
     dtypes = ("float64", "float32") if single else ("float64",)
     solvers = [_solver(name) for name in solver or ("Bosh3", "Tsit5", "Dopri8")]
-    study = work_precision(SCENES[scene](), solvers=solvers, dtypes=dtypes, path=csv)
-    print(f"{scene}: J = int running_cost dt\n\n{study}\n\n{study.advice(target)}\npoints: {csv}")
+    methods = [_method(name) for name in method or ("Replay", "ForwardSensitivities")]
+    study = work_precision(
+        SCENES[scene](), solvers=solvers, methods=methods, dtypes=dtypes, path=points, resume=resume
+    )
+    print(f"{scene}: J = int running_cost dt\n\n{study}\n\n{study.advice(target)}\npoints: {points}")
     plot_work_precision(study).savefig(output, dpi=150)
     print(f"picture: {output}")
 
 
-def _solver(name: str):
+def _solver(name: str) -> Any:
     import diffrax
 
     solver = getattr(diffrax, name, None)
     if not (isinstance(solver, type) and issubclass(solver, diffrax.AbstractAdaptiveSolver)):
         raise typer.BadParameter(f"Diffrax has no solver with an error estimate of the name {name!r}")
     return solver()
+
+
+def _method(name: str) -> Any:
+    from ..adjoint import methods
+
+    if name not in METHODS:
+        raise typer.BadParameter(f"there is no gradient method {name!r}; choose one of {', '.join(METHODS)}")
+    return getattr(methods, name)()

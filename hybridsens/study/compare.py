@@ -94,7 +94,8 @@ def compare(
     - `cost`: `cost(scene, simulate)`, a scalar. It must move its scene by the `simulate` that it is given, without
       settings of its own: each method puts its own in that place. Default: the running cost of a ready-made scene.
     - `tolerance`: rtol and atol of all methods with error control. `steps`: of those with a fixed step.
-    - `adjoints`: which gradient methods of `hybridsens.simulate` to show.
+    - `adjoints`: which gradient methods of `hybridsens.simulate` to show. A `ContinuousCostate()` is integrated at
+      `tolerance` too.
     - `methods`: the whole list of rows instead of `adjoints` and the naive methods.
     - `reference`: value and gradient to compare with; by default `Replay` with Dopri8 at rtol = 1e-13.
     - `progress`: show a bar. Ctrl-C ends the run and keeps the rows that are finished.

@@ -16,28 +16,27 @@ GRADIENTS_BESIDE = 5
 """How many gradients stand beside each other."""
 
 
-HEAD = f"{'':36}{'value':>14}{'value err':>11}{'gradient err':>13}" + (
-    f"{'forward':>11}{'gradient':>11}{'compile':>9}{'memory':>10}"
-)
+HEAD = f"{'value':>14}{'value err':>11}{'gradient err':>13}{'forward':>11}{'gradient':>11}{'compile':>9}{'memory':>10}"
 
 
 def format_comparison(comparison: "Comparison") -> str:
     """Two tables of plain text: the methods with their errors and costs, and the entries of their gradients."""
     reference = comparison.reference
-    lines = [HEAD, f"{'    reference':36}{reference.value:>14.9g}"]
-    lines += [_method_line(number, row) for number, row in enumerate(comparison.rows, 1)]
+    width = max([len(row.method) for row in comparison.rows], default=0) + 6
+    lines = [f"{'':{width}}{HEAD}", f"{'    reference':{width}}{reference.value:>14.9g}"]
+    lines += [_method_line(number, row, width) for number, row in enumerate(comparison.rows, 1)]
     if comparison.interrupted:
         lines.append("    (interrupted: the remaining methods were not run)")
     return "\n".join([*lines, "", *_gradient_lines(comparison)])
 
 
-def _method_line(number: int, row: "Row") -> str:
+def _method_line(number: int, row: "Row", width: int) -> str:
     name = f"{number:>2}  {row.method}"
     if row.failure:
-        return f"{name:36}  failed: {row.failure}"
+        return f"{name:{width}}  failed: {row.failure}"
     memory = "" if np.isnan(row.peak_memory) else _bytes(row.peak_memory)
     return (
-        f"{name:36}{row.value:>14.9g}{row.value_error:>11.1e}{row.gradient_error:>13.1e}"
+        f"{name:{width}}{row.value:>14.9g}{row.value_error:>11.1e}{row.gradient_error:>13.1e}"
         f"{_time(row.forward_seconds):>11}{_time(row.gradient_seconds):>11}{row.compile_seconds:>7.1f} s{memory:>10}"
     )
 

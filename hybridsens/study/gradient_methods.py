@@ -4,7 +4,15 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from ..adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
+import equinox as eqx
+
+from ..adjoint.methods import (
+    AbstractGradientMethod,
+    ContinuousCostate,
+    DiffraxAdjoint,
+    ForwardSensitivities,
+    Replay,
+)
 from ..simulate import simulate
 from .baselines import constant_event_time, events_at_root, events_at_step_end, penalty_contact, where_reset
 from .differentiate import Mode
@@ -20,30 +28,46 @@ class GradientMethod(NamedTuple):
     """How the cost is then differentiated."""
 
 
+DEFAULT_ADJOINTS: tuple[AbstractGradientMethod, ...] = (
+    Replay(),
+    ForwardSensitivities(),
+    ContinuousCostate(),
+    ContinuousCostate(state="backward"),
+    DiffraxAdjoint(),
+)
+"""The gradient methods of this package that a comparison shows."""
+
+
 def from_adjoint(adjoint: AbstractGradientMethod, **settings) -> GradientMethod:
     """A gradient method of `hybridsens.simulate`; `settings` go to it."""
     mode: Mode = "forward" if isinstance(adjoint, ForwardSensitivities) else "reverse"
-    return GradientMethod(adjoint_name(adjoint), partial(simulate, adjoint=adjoint, throw=False, **settings), mode)
+    move = partial(simulate, adjoint=adjoint, throw=False, **settings)
+    return GradientMethod(type(adjoint).__name__, move, mode)
 
 
 def adjoint_name(adjoint: AbstractGradientMethod) -> str:
-    """The class and those of its settings that are not the default: `Replay`, `Replay(recompute=True)`."""
+    """The class and those of its settings that are not the default: `Replay`, `ContinuousCostate(rtol=1e-10)`."""
     default = type(adjoint)()
     fields = {name: getattr(adjoint, name) for name in adjoint.__dataclass_fields__}
-    changed = [f"{name}={value}" for name, value in fields.items() if value != getattr(default, name)]
+    changed = [f"{name}={value!r}" for name, value in fields.items() if value != getattr(default, name)]
     return type(adjoint).__name__ + (f"({', '.join(changed)})" if changed else "")
 
 
-DEFAULT_ADJOINTS: tuple[AbstractGradientMethod, ...] = (Replay(), ForwardSensitivities())
-"""The gradient methods of this package that a comparison shows."""
+def at_tolerance(adjoint: AbstractGradientMethod, tolerance) -> AbstractGradientMethod:
+    """A continuous costate with its default tolerances gets those of the motion; all others stay as they are."""
+    default = ContinuousCostate()
+    if not isinstance(adjoint, ContinuousCostate) or (adjoint.rtol, adjoint.atol) != (default.rtol, default.atol):
+        return adjoint
+    return eqx.tree_at(lambda method: (method.rtol, method.atol), adjoint, (tolerance, tolerance))
 
 
 def our_methods(
     adjoints: Sequence[AbstractGradientMethod], tolerance: float, max_events: int, max_steps: int
 ) -> list[GradientMethod]:
-    """This package's methods, at one tolerance for motion and error control."""
+    """This package's methods, at one tolerance for the motion and for what is integrated back."""
     settings = dict(rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps)
-    return [from_adjoint(adjoint, **settings) for adjoint in adjoints]
+    methods = [from_adjoint(at_tolerance(adjoint, tolerance), **settings) for adjoint in adjoints]
+    return [m._replace(name=adjoint_name(adjoint)) for m, adjoint in zip(methods, adjoints, strict=True)]
 
 
 def naive_methods(tolerance: float, steps: int, room: int, max_events: int, max_steps: int) -> list[GradientMethod]:

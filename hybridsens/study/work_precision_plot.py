@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 if TYPE_CHECKING:
-    from .work_precision import Point, WorkPrecision
+    from .work_precision_points import Point, WorkPrecision
 
 MARKS = "osD^vP*X<>"
 DASHES = ("-", "--", "-.", ":")
@@ -43,6 +43,8 @@ def _lines(axes: Axes, study: "WorkPrecision", error: str) -> None:
     for point in study.points:
         if not point.failure:
             groups.setdefault((point.solver, point.method, point.dtype), []).append(point)
+    if not groups:
+        return
     solvers, methods, dtypes = (list(dict.fromkeys(column)) for column in zip(*groups, strict=True))
     for (solver, method, dtype), points in groups.items():
         label = ", ".join([solver, *([method] if len(methods) > 1 else []), *([dtype] if len(dtypes) > 1 else [])])

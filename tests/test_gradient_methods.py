@@ -1,0 +1,59 @@
+"""The gradient methods of this package beside each other: in every table by default, each right to its accuracy."""
+
+import inspect
+
+import diffrax
+import jax.numpy as jnp
+import numpy as np
+import problems
+import pytest
+
+import hybridsens as hs
+from hybridsens.study.compare import compare, relative_error
+from hybridsens.study.differentiate import value_and_gradient
+from hybridsens.study.flat_parameters import flatten_parameters
+from hybridsens.study.functional import functional
+from hybridsens.study.gradient_methods import DEFAULT_ADJOINTS, adjoint_name, at_tolerance, our_methods
+
+
+@pytest.fixture(scope="module")
+def gradients():
+    """P2 at 1e-8 by every default method: name -> gradient."""
+
+    def cost(p, simulate):
+        scene = problems.elastic_stop(*p)
+        return simulate(scene, scene.initial_state(), t1=20.0, running_cost=lambda s, t, q, v: q @ q).cost
+
+    parameters = flatten_parameters(jnp.array(problems.RECORDS["P2"]["p"]))
+    methods = our_methods(DEFAULT_ADJOINTS, 1e-8, 16, 1024)
+    runs = {m.name: value_and_gradient(functional(parameters, cost, m.simulate), m.mode) for m in methods}
+    return {name: np.asarray(run(parameters.vector)[1]) for name, run in runs.items()}
+
+
+def test_every_method_is_in_a_comparison_and_right_to_1e_7(gradients):
+    """At tolerance 1e-8, on the elastic stop with five impacts; the continuous costate takes the same tolerance."""
+    assert inspect.signature(compare).parameters["adjoints"].default == DEFAULT_ADJOINTS
+    assert list(gradients) == [
+        "Replay", "ForwardSensitivities", "ContinuousCostate", "ContinuousCostate(state='backward')", "DiffraxAdjoint",
+    ]  # fmt: skip
+    known = np.array([float(entry) for entry in problems.RECORDS["P2"]["dJ"][0]])
+    for method, gradient in gradients.items():
+        assert relative_error(gradient, known) < 1e-7, method
+
+
+def test_discrete_methods_share_one_gradient_and_the_continuous_ones_do_not(gradients):
+    """Replay, forward sensitivities and Diffrax's adjoint agree to rounding; the costate is off by its tolerance."""
+    far = {method: relative_error(gradient, gradients["Replay"]) for method, gradient in gradients.items()}
+    assert far["ForwardSensitivities"] < 1e-12 and far["DiffraxAdjoint"] < 1e-12
+    for method in ("ContinuousCostate", "ContinuousCostate(state='backward')"):
+        assert 1e-12 < far[method] < 1e-7
+
+
+def test_a_costate_follows_the_tolerance_unless_it_has_its_own():
+    """By name and by setting; methods without tolerances stay what they are."""
+    own = hs.ContinuousCostate(rtol=1e-11)
+    assert at_tolerance(own, 1e-6) == own and adjoint_name(own) == "ContinuousCostate(rtol=1e-11)"
+    moved = at_tolerance(hs.ContinuousCostate(state="backward"), 1e-6)
+    assert moved == hs.ContinuousCostate(1e-6, 1e-6, "backward")
+    assert at_tolerance(hs.Replay(), 1e-6) == hs.Replay()
+    assert adjoint_name(hs.DiffraxAdjoint(diffrax.DirectAdjoint())) == "DiffraxAdjoint(adjoint=DirectAdjoint())"
