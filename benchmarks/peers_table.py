@@ -5,21 +5,24 @@
 
 Each row has its own errors beside its times. A peer that is not installed, or has no form of a problem, is a row that
 says so. Times are medians of calls from Python on one machine; the loop inside C or numba is in the peers' own `main`.
+Rows also go to results/peers.csv.
 """
 
 import argparse
-import os
-import platform
+import csv
+import json
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 import hybridsens as hs
 
-from .peers import casadi_c, diffrax_chain, numba_saltation, reference, torchdiffeq_events
+from .machine import describe
+from .peers import casadi_c, diffrax_chain, mjx_limits, numba_saltation, reference, torchdiffeq_events
 
 PROBLEMS = ("P1", "P2", "P2b", "P3", "P4")
 
@@ -32,6 +35,12 @@ class Contender(NamedTuple):
     problems: tuple[str, ...]
     build: Callable
     """(problem, tolerance) -> value(p), value_and_gradient(p), both waiting for their results."""
+
+
+COLUMNS = (
+    "problem", "who", "value_error", "gradient_error", "worst_entry", "forward_seconds", "gradient_seconds",
+    "compile_seconds", "failure",
+)  # fmt: skip
 
 
 def ours(problem: str, tolerance: float, *, adjoint):
@@ -83,6 +92,11 @@ def torchdiffeq(problem: str, tolerance: float, *, carried: bool):
     return (lambda p: both(p)[0]), both
 
 
+def mjx(problem: str, tolerance: float):
+    """MuJoCo's soft limits in fixed steps, in forward mode."""
+    return tuple(_waiting(function) for function in mjx_limits.build(problem, tolerance))
+
+
 CONTENDERS = (
     Contender("hybridsens, Replay", lambda: None, PROBLEMS, partial(ours, adjoint=hs.Replay())),
     Contender("hybridsens, ForwardSensitivities", lambda: None, PROBLEMS,
@@ -95,30 +109,36 @@ CONTENDERS = (
               partial(torchdiffeq, carried=True)),
     Contender("torchdiffeq, p closed over", torchdiffeq_events.available, ("P1", "P2", "P2b"),
               partial(torchdiffeq, carried=False)),
+    Contender("MuJoCo MJX, forward", mjx_limits.available, ("P1", "P2", "P2b"), mjx),
 )  # fmt: skip
 
 
-def print_contender(problem: str, contender: Contender, tolerance: float) -> None:
-    """One row: errors and times, or why there are none."""
+def run_contender(problem: str, contender: Contender, tolerance: float) -> tuple:
+    """Print one row, errors and times or why there are none, and return it (`COLUMNS`)."""
     missing = contender.available()
     if missing is None and problem not in contender.problems:
         missing = f"has no form of {problem} here"
-    if missing is not None:
-        print(f"{contender.name:34}  {missing}", flush=True)
-        return
+    if missing is None:
+        try:
+            return _measured(problem, contender, tolerance)
+        except Exception as error:  # one peer's failure must not stop the table
+            missing = f"failed: {type(error).__name__}: {(str(error).splitlines() or ['no message'])[0]}"
+    print(f"{contender.name:34}  {missing}", flush=True)
+    return problem, contender.name, *[""] * 6, missing
+
+
+def _measured(problem: str, contender: Contender, tolerance: float) -> tuple:
     parameters = reference.load(problem).parameters
-    try:
-        start = time.perf_counter()
-        value, both = contender.build(problem, tolerance)
-        found = reference.errors(problem, *map(np.asarray, both(parameters)))
-        value(parameters)
-        compile_seconds = time.perf_counter() - start
-        repeats = 3 if compile_seconds > 60 else 9
-        times = [reference.seconds_per_call(f, parameters, repeats=repeats) for f in (value, both)]
-    except Exception as error:  # one peer's failure must not stop the table
-        print(f"{contender.name:34}  failed: {type(error).__name__}: {str(error).splitlines()[:1]}", flush=True)
-        return
-    reference.print_row(contender.name, found, *times, compile_seconds)
+    start = time.perf_counter()
+    value, both = contender.build(problem, tolerance)
+    cost, gradient = both(parameters)
+    found = reference.errors(problem, float(cost), np.asarray(gradient))
+    value(parameters)
+    compile_seconds = time.perf_counter() - start
+    repeats = 3 if compile_seconds > 60 else 9
+    forward, gradient = (reference.seconds_per_call(f, parameters, repeats=repeats) for f in (value, both))
+    reference.print_row(contender.name, found, forward, gradient, compile_seconds)
+    return problem, contender.name, *found, forward, gradient, compile_seconds, ""
 
 
 def main() -> None:
@@ -126,17 +146,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("problems", nargs="*", default=PROBLEMS, metavar="PROBLEM", help="of " + ", ".join(PROBLEMS))
     parser.add_argument("--tolerance", type=float, default=1e-8)
+    parser.add_argument("--csv", type=Path, default=Path("results/peers.csv"))
     arguments = parser.parse_args()
     unknown = set(arguments.problems) - set(PROBLEMS)
     if unknown:
         parser.error(f"no such problem: {', '.join(sorted(unknown))}")
     hs.configure()
-    print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, tolerance {arguments.tolerance:g}")
+    machine = json.dumps(describe() | {"tolerance": arguments.tolerance})
+    print(machine)
+    rows = []
     for problem in arguments.problems:
         print(f"\n{problem}")
         reference.print_header()
-        for contender in CONTENDERS:
-            print_contender(problem, contender, arguments.tolerance)
+        rows += [run_contender(problem, contender, arguments.tolerance) for contender in CONTENDERS]
+    arguments.csv.parent.mkdir(exist_ok=True)
+    with arguments.csv.open("w", newline="") as file:
+        file.write(f"# {machine}\n")
+        csv.writer(file).writerows([COLUMNS, *rows])
 
 
 if __name__ == "__main__":

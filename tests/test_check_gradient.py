@@ -1,15 +1,21 @@
 """`check_gradient` passes what is right, and names the parameter and the event where something is wrong."""
 
+import importlib
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import hybridsens as hs
 from hybridsens.scenes import BouncingBall
-from hybridsens.study.check_events import split_at_events
+from hybridsens.study.check_events import cascades, split_at_events
 from hybridsens.study.check_gradient import check_gradient
 from hybridsens.study.functional import running_cost_functional
+
+IMPACT, CAPTURE, RELEASE = hs.EventKind.IMPACT, hs.EventKind.CAPTURE, hs.EventKind.RELEASE
+check_gradient_module = importlib.import_module("hybridsens.study.check_gradient")
 
 
 class Ball(BouncingBall):
@@ -60,6 +66,37 @@ def test_a_wrong_derivative_in_a_contact_is_found_at_its_events():
     check = check_gradient(WrongFloor(), max_events=8, max_steps=1024)
     assert [entry.verdict for entry in check.events] == ["differences disagree in floor"] * 3
     assert [entry.parameter for entry in check.parameters if entry.verdict] == ["floor"]
+
+
+def test_an_adjoint_that_is_off_by_a_millionth_is_named(monkeypatch):
+    """Forward sensitivities and differences agree; the adjoint's slope by the weight is wrong in the seventh digit."""
+    right = check_gradient_module._gradient
+
+    def wrong(parameters, cost, adjoint, settings):
+        gradient = right(parameters, cost, adjoint, settings)
+        off = np.array([name == "weight" for name in parameters.names]) * 1e-6
+        return gradient * (1 + off if isinstance(adjoint, hs.Replay) else 1)
+
+    monkeypatch.setattr(check_gradient_module, "_gradient", wrong)
+    monkeypatch.setattr(check_gradient_module, "check_events", lambda *call: [])
+    check = check_gradient(Ball(restitution_coefficient=0.8), max_events=8, max_steps=1024)
+    assert {entry.parameter: entry.verdict for entry in check.parameters if entry.verdict} == {
+        "weight": "adjoint and forward sensitivities disagree"
+    }
+    assert "In doubt: parameters weight; events -." in str(check)
+
+
+def test_a_cascade_stays_together_from_its_fastest_impact_to_its_capture():
+    """Of two cascades each is a group; a capture by an inelastic contact, and a release, stand by themselves."""
+    kinds = [IMPACT, IMPACT, CAPTURE, RELEASE, IMPACT, IMPACT, CAPTURE, RELEASE, CAPTURE]
+    speeds = jnp.array([1.0, 0.1, 0.01, 0.0, 1.0, 0.1, 0.01, 0.0, 2.0])
+    contacts = jnp.array([0, 0, 0, 0, 0, 0, 0, 0, 1])
+    rows = hs.State(jnp.zeros((9, 2)), jnp.zeros((9, 2)))
+    kinds = jnp.array([int(kind) for kind in kinds])
+    events = hs.Events(jnp.arange(9.0), kinds, contacts, rows, rows, jnp.zeros((9, 2)), speeds, jnp.array(9))
+    joined = cascades(events, np.array([0.1, 0.0]))
+    groups, _ = split_at_events(np.arange(9.0), 9, -1.0, 9.0, joined)
+    assert groups == [range(0, 3), range(3, 4), range(4, 7), range(7, 8), range(8, 9)]
 
 
 def test_events_that_lie_together_stay_together():

@@ -1,6 +1,6 @@
 """Every event by itself: variations of the piece of motion around it, by three methods, and their determinant."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -59,7 +59,8 @@ class Piece(NamedTuple):
 def check_events(number: int, call: Any, tolerance: float, settings: dict[str, Any]) -> list[EventCheck]:
     """Checks of the first `MOST` pieces of a motion; `call` has its scene, state, t0, t1 and events."""
     horizon = float(call.t0), float(call.t1)
-    groups, times = split_at_events(np.asarray(call.events.time), int(call.events.count), *horizon)
+    joined = cascades(call.events, np.asarray(call.scene.restitution()))
+    groups, times = split_at_events(np.asarray(call.events.time), int(call.events.count), *horizon, joined)
     names, scene_vector, _ = flatten_parameters(call.scene)
     names = (*(f"q[{i}]" for i in range(call.state.q.size)), *(f"v[{i}]" for i in range(call.state.v.size)), *names)
     run = _compile(call.scene, settings)
@@ -72,12 +73,30 @@ def check_events(number: int, call: Any, tolerance: float, settings: dict[str, A
     return checks
 
 
-def split_at_events(time, count: int, t0: float, t1: float) -> tuple[list[range], list[float]]:
+def cascades(events: Events, restitution) -> set[int]:
+    """Events that belong to the one before: those from the fastest impact of a cascade on, up to its capture.
+
+    A cascade is cut where it has become slow beside its fastest impact; the last of it, started alone, would go on.
+    """
+    joined = set()
+    contact, speed = np.asarray(events.contact), np.asarray(events.closing_speed)
+    for k in range(int(events.count)):
+        if events.kind[k] == EventKind.CAPTURE and restitution[contact[k]] > 0:
+            own = np.flatnonzero(contact[: k + 1] == contact[k])
+            fastest = own[speed[own] >= (1 - 1e-3) * np.max(speed[own])][-1]
+            joined |= set(range(fastest + 1, k + 1))
+    return joined
+
+
+def split_at_events(
+    time, count: int, t0: float, t1: float, joined: Collection[int] = ()
+) -> tuple[list[range], list[float]]:
     """Events in groups, and the times half way between the groups, with t0 and t1 at the ends.
 
     Events closer than 1e-6 of the horizon stay together: the body must come off the contact before a piece can start.
+    So do those in `joined` with the event before them.
     """
-    apart = [k for k in range(1, count) if time[k] - time[k - 1] > 1e-6 * (t1 - t0)]
+    apart = [k for k in range(1, count) if time[k] - time[k - 1] > 1e-6 * (t1 - t0) and k not in joined]
     starts = [0, *apart] if count else []
     groups = [range(a, b) for a, b in zip(starts, [*apart, count], strict=False)] if count else []
     middles = [float(0.5 * (time[k - 1] + time[k])) for k in apart]

@@ -68,8 +68,8 @@ def check_gradient(
     *,
     adjoint: AbstractGradientMethod | None = None,
     tolerance: float = 1e-5,
-    rtol: float = 1e-10,
-    atol: float = 1e-10,
+    rtol: float = 1e-12,
+    atol: float = 1e-12,
     max_events: int = 256,
     max_steps: int = 16384,
 ) -> GradientCheck:
@@ -83,7 +83,8 @@ def check_gradient(
        contact) times exp(int tr f_x dt).
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`. `adjoint`
-    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`.
+    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `rtol`, `atol`: of
+    the motions; differences divide their noise by the width, so they are tight.
 
     Raises: SimulationError if the motion does not reach its end.
     """

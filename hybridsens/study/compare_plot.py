@@ -10,12 +10,14 @@ if TYPE_CHECKING:
 
 LEAST_ERROR = 1e-16
 """An error of zero is drawn here."""
+WRONG = 1e-3
+"""A gradient with a larger error is hatched."""
 
 
 def plot_comparison(comparison: "Comparison") -> Figure:
     """Gradient error and time of every method as bars with their numbers, on logarithmic axes.
 
-    A gradient whose error is above 1e-3 is hatched. A method that failed is named, without bars.
+    A gradient whose error is above `WRONG` is hatched. A method that failed is named, without bars.
     """
     rows = list(reversed(comparison.rows))
     figure = Figure(figsize=(9, 0.42 * len(rows) + 1.3), layout="constrained")
@@ -27,7 +29,7 @@ def plot_comparison(comparison: "Comparison") -> Figure:
         _bar(error_axes, place, max(row.gradient_error, LEAST_ERROR), f"{row.gradient_error:.0e}", _style(row))
         _bar(time_axes, place, row.gradient_seconds, f"{1e3 * row.gradient_seconds:.2g} ms", _style(row))
     error_axes.set_yticks(range(len(rows)), [row.method for row in rows])
-    error_axes.set_xlabel("relative error of the gradient")
+    error_axes.set_xlabel(f"relative error of the gradient (hatched: above {WRONG:g})")
     time_axes.set_xlabel("time per gradient [s]")
     for axes in (error_axes, time_axes):
         axes.set_xscale("log")
@@ -39,7 +41,7 @@ def plot_comparison(comparison: "Comparison") -> Figure:
 
 
 def _style(row: "Row") -> dict[str, str]:
-    if row.gradient_error > 1e-3:
+    if row.gradient_error > WRONG:
         return dict(facecolor="white", hatch="////")
     return dict(facecolor="0.35")
 
