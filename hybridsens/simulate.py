@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .forward.status import Status
-from .mechanics.checks import check_shapes, initial_values
+from .mechanics.checks import check_shapes, initial_values, real_array, real_tolerance
 from .mechanics.closures import lift_closures
 from .mechanics.contact import gap_and_rate
 from .mechanics.mode import EventKind, default_capture_speed
@@ -73,7 +73,8 @@ def simulate(
     show.
     """
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
-    _check_settings(max_events, max_steps, solver, adjoint, rtol, atol, capture_speed)
+    rtol, atol = real_tolerance("rtol", rtol), real_tolerance("atol", atol)
+    _check_settings(max_events, max_steps, solver, adjoint, capture_speed, throw)
     check_shapes(scene, state, running_cost)
     scene, running_cost = lift_closures(scene, running_cost, t0, state)
     dtype = state.q.dtype
@@ -111,7 +112,7 @@ def _initial_status(scene: AbstractScene, mode, state: State, t0, t1, ts, method
     if ts is not None and ts.shape[0] > 0:
         sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)
         status = Status.where(sorted_inside, status, Status.unsorted_times)
-    status = Status.where(t1 > t0, status, Status.bad_horizon)
+    status = Status.where((t1 > t0) & jnp.isfinite(t1 - t0), status, Status.bad_horizon)
     return status
 
 
@@ -160,25 +161,12 @@ def _as_arrays(t0, t1, ts, state):
     dtype = jnp.result_type(state.q, state.v)
     if not jnp.issubdtype(dtype, jnp.floating):
         raise TypeError(f"The state must be real, but has type {dtype}.")
-    t0, t1 = (_scalar(name, t, dtype) for name, t in (("t0", t0), ("t1", t1)))
-    if ts is not None:
-        ts = jnp.asarray(ts, dtype)
-        if ts.ndim != 1:
-            raise ValueError(f"`ts` must have shape (sample,), but has shape {ts.shape}.")
+    t0, t1 = (real_array(name, t, 0).astype(dtype) for name, t in (("t0", t0), ("t1", t1)))
+    ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
     return t0, t1, ts, State(state.q.astype(dtype), state.v.astype(dtype))
 
 
-def _scalar(name, value, dtype):
-    try:
-        value = jnp.asarray(value, dtype)
-    except (TypeError, ValueError) as error:
-        raise TypeError(f"`{name}` must be a number, but is {type(value).__name__}.") from error
-    if value.ndim != 0:
-        raise ValueError(f"`{name}` must be a scalar, but has shape {value.shape}.")
-    return value
-
-
-def _check_settings(max_events, max_steps, solver, adjoint, rtol, atol, capture_speed):
+def _check_settings(max_events, max_steps, solver, adjoint, capture_speed, throw):
     for name, value in (("max_events", max_events), ("max_steps", max_steps)):
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
             raise ValueError(f"`{name}` must be an integer >= 1, but is {value!r}.")
@@ -188,11 +176,8 @@ def _check_settings(max_events, max_steps, solver, adjoint, rtol, atol, capture_
         raise TypeError(
             f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {type(adjoint).__name__}."
         )
-    for name, value in (("rtol", rtol), ("atol", atol)):
-        if isinstance(value, jax.Array):
-            continue  # one compiled function for every tolerance; the step size control copes with any value
-        if not isinstance(value, int | float) or not 0 < value < float("inf"):
-            raise ValueError(f"`{name}` must be a positive number, but is {value!r}.")
+    if not isinstance(throw, bool):
+        raise TypeError(f"`throw` must be True or False, but is {throw!r}.")
     if capture_speed is not None and (not isinstance(capture_speed, int | float) or not 0 <= capture_speed < 1):
         raise ValueError(f"`capture_speed` must lie in [0, 1), but is {capture_speed!r}.")
 
@@ -202,6 +187,7 @@ def _tolerances(rtol, atol, dtype):
     if isinstance(rtol, jax.Array) or isinstance(atol, jax.Array):
         return rtol, atol
     finest = 16 * float(jnp.finfo(dtype).eps)
+    atol = max(atol, float(jnp.finfo(dtype).tiny) ** 0.5)  # the error norm squares an error over it
     if rtol < finest or (atol < finest and dtype == jnp.float32):
         warnings.warn(
             f"Tolerances below {finest:.1e} are beyond {dtype} and are raised to it. "

@@ -1,5 +1,6 @@
 """The adjoint of one recorded step: exact replay, the continuous costate (T7), or an adjoint of Diffrax."""
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -7,6 +8,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from ..forward.solver import TERM, one_step
 from .methods import AbstractGradientMethod, ContinuousCostate, DiffraxAdjoint
@@ -67,7 +69,35 @@ def _continuous_costate(method: ContinuousCostate, solver) -> StepAdjoint:
             diffrax.ODETerm(backward), diffrax.Tsit5(), jnp.zeros_like(t0), t1 - t0, None, start,
             stepsize_controller=control, adjoint=diffrax.ForwardMode(), max_steps=None, throw=False,
         )  # fmt: skip
-        _, psi, by_parameters = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
+        came_back, psi, by_parameters = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
+        if method.state == "backward":
+            _warn_of_drift(method, came_back, x0)
         return by_parameters, psi
 
     return adjoint
+
+
+MOST_DRIFT = 1e3
+"""By how many times its tolerance a state that is integrated backward over a step may miss the recorded one."""
+
+
+def _warn_of_drift(method: ContinuousCostate, came_back, x0) -> None:
+    """Say so where the state, integrated backward over a step, misses the recorded state that it must come back to.
+
+    What is damped forward grows backward: the state that psi was carried along was then another one.
+    """
+    missed = jnp.max(jnp.abs(came_back - x0) / (method.atol + method.rtol * jnp.abs(x0)))
+    reached = missed <= MOST_DRIFT  # False for nan too
+    lax.cond(reached, lambda: None, lambda: jax.debug.callback(_drift_warning, reached))
+
+
+def _drift_warning(reached) -> None:
+    if not reached:  # under `jax.vmap` both branches of a `cond` run
+        warnings.warn(_DRIFT, stacklevel=2)  # one text for all steps, so that Python shows it once
+
+
+_DRIFT = (
+    f'ContinuousCostate(state="backward") misses recorded states by more than {MOST_DRIFT:.0e} times its tolerance: '
+    "the motion is too dissipative to be integrated backward, and the gradient is wrong. "
+    'Use ContinuousCostate(state="recorded") or Replay().'
+)

@@ -115,8 +115,9 @@ class LandingController(diffrax.AbstractStepSizeController):
         bottom = jnp.where(rising, 0, guard)
         unsure = self.start.rounding + state.noise
         doubtful = ~crossed & long & hides_a_dip(state.guard, state.rate * h, bottom, rate * h, unsure)
-        cut = accurate & crossed
-        keep = accurate & ~crossed & ~doubtful
+        known = jnp.all(jnp.isfinite(guard))  # a guard that is no number would never fall
+        cut = accurate & crossed & known
+        keep = accurate & ~crossed & ~doubtful & known
         landed = keep & jnp.any(on_guard)
 
         # A step that was cut and fell short of the guard is kept, and the next one aims at the guard by its rate.
@@ -124,7 +125,7 @@ class LandingController(diffrax.AbstractStepSizeController):
         short = keep & (state.cuts > 0) & (to_go < 0.1 * h)
         next_t1 = jnp.where(short, t1 + to_go, next_t1)
         next_t1 = jnp.where(cut, jnp.maximum(t_root, t0 + time_resolution(t0, 0)), next_t1)
-        next_t1 = jnp.where(accurate & doubtful, t0 + h / 2, next_t1)
+        next_t1 = jnp.where(accurate & (doubtful | ~known), t0 + h / 2, next_t1)
         next_t0 = jnp.where(keep, t1, t0)
 
         error_control_step = jnp.where(accurate, jnp.where(cut, h, next_t1 - next_t0), state.free_step)
@@ -139,7 +140,7 @@ class LandingController(diffrax.AbstractStepSizeController):
             rejected=state.rejected + ~keep,
             fired=first_to_fall(on_guard, guard, rate),
             grazing=state.grazing | (accurate & jnp.any(miss <= system.grazing_depth(mode))),
-            finite=jnp.all(jnp.isfinite(y1_candidate)),
+            finite=jnp.all(jnp.isfinite(y1_candidate)) & known,
         )
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, keep, landed, new)
 

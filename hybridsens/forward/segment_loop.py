@@ -60,6 +60,7 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
         after=after, emitted=done.emitted, decision=done.decision, mode=motion.mode,
         steps=motion.steps.count,
     )  # fmt: skip
+    hop = jnp.maximum(done.decision.hop, time_resolution(t, 0))  # a step of no length would never grow
     reached = Status.where(motion.grazing, Status.grazing, Status.successful)
     ended = Status.where(motion.status == Status.running, reached, motion.status)
     status = Status.where(end.event, motion.status, ended)
@@ -75,6 +76,6 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
         last_event=jnp.where(passes, t, motion.last_event),
         grazing=motion.grazing | (passes & done.decision.grazing),
         rejected=motion.rejected,
-        first_step=jnp.where(passes, jnp.minimum(motion.first_step, done.decision.hop), motion.first_step),
+        first_step=jnp.where(passes, jnp.minimum(motion.first_step, hop), motion.first_step),
         status=status,
     )

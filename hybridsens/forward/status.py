@@ -34,7 +34,7 @@ class Status(eqx.Enumeration):
         "`sustained_contact = False`, set it to True; otherwise the laws of contact have no solution there."
     )
     penetration = "the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component."
-    bad_horizon = "the end of the horizon must be later than its start, t1 > t0."
+    bad_horizon = "the end of the horizon must be later than its start, t1 > t0, and both must be finite."
     unsorted_times = "`ts` must be sorted in increasing order and lie within [t0, t1]."
     bad_restitution = "every coefficient of restitution must lie in [0, 1]."
     bad_mass_matrix = "the mass matrix must be symmetric positive definite at the initial state, and is not."

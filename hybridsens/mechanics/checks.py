@@ -9,6 +9,29 @@ from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene, State
 
 
+def real_array(name: str, value, ndim: int) -> jax.Array:
+    """`value` as an array of real numbers with so many axes. Raises: TypeError or ValueError with its name."""
+    try:
+        array = jnp.asarray(float(value) if isinstance(value, int) else value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise TypeError(f"`{name}` must hold real numbers, but is {type(value).__name__}.") from error
+    if not any(jnp.issubdtype(array.dtype, kind) for kind in (jnp.floating, jnp.integer, jnp.bool_)):
+        raise TypeError(f"`{name}` must hold real numbers, but has type {array.dtype}.")
+    if array.ndim != ndim:
+        expected = ["()", "(sample,)"][ndim]
+        raise ValueError(f"`{name}` must have shape {expected}, but has shape {array.shape}.")
+    return array
+
+
+def real_tolerance(name: str, value):
+    """A positive number, or a scalar array whose value is looked at when the motion runs."""
+    if isinstance(value, jax.Array):
+        return real_array(name, value, 0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+        raise ValueError(f"`{name}` must be a positive number, but is {value!r}.")
+    return float(value)
+
+
 def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
     """Raise ValueError or TypeError where the scene's functions do not fit the state or each other."""
     if not isinstance(scene, AbstractScene):
@@ -23,6 +46,10 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
         )
     dof = q.shape[0]
     t = jax.ShapeDtypeStruct((), q.dtype)
+    if running_cost is not None and not callable(running_cost):
+        raise TypeError(
+            f"`running_cost` must be a function of (scene, t, q, v), but is {type(running_cost).__name__}."
+        )
     contacts = _shape(scene.gap, t, q)
     if len(contacts) != 1:
         raise ValueError(f"`gap` must return an array of shape (contact,), but returns shape {contacts}.")
@@ -30,10 +57,13 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
     _must_be("force", _shape(scene.force, t, q, v), (dof,))
     _must_be("restitution", _shape(scene.restitution), contacts)
     if running_cost is not None:
-        costs = eqx.filter_eval_shape(running_cost, scene, t, q, v)
-        for leaf in jax.tree.leaves(costs):
-            if not jnp.issubdtype(leaf.dtype, jnp.floating):
-                raise TypeError(f"`running_cost` must return real numbers, but returns {leaf.dtype}.")
+        costs = jax.tree.leaves(eqx.filter_eval_shape(running_cost, scene, t, q, v))
+        if not costs:
+            raise TypeError("`running_cost` must return real numbers, but returns nothing.")
+        for leaf in costs:
+            kind = getattr(leaf, "dtype", type(leaf))
+            if not jnp.issubdtype(kind, jnp.floating):
+                raise TypeError(f"`running_cost` must return real numbers, but returns {kind}.")
 
 
 def initial_values(scene: AbstractScene, mode: ContactMode, t, q, v) -> dict[str, jax.Array]:
@@ -58,6 +88,8 @@ def _shape(function, *arguments) -> tuple[int, ...]:
     if not hasattr(out, "shape"):
         name = getattr(function, "__name__", "a scene's function")
         raise TypeError(f"`{name}` must return an array, but returns {type(out).__name__}.")
+    if not jnp.issubdtype(out.dtype, jnp.floating):
+        raise TypeError(f"`{name}` must return real numbers, but returns {out.dtype}.")
     return tuple(out.shape)
 
 

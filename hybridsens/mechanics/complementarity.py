@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from ..precision import closeness
 from .dense import solve_masked
 
 
@@ -20,8 +21,9 @@ def complementarity_support(
 
     Active sets in the manner of Lawson and Hanson (1974, ch. 23), for the problem's quadratic programme: take in
     the candidate that is violated most, solve with equality on S, and let go what would turn negative. A column that
-    depends on those of S is never taken in, because then its residual vanishes with theirs: so W_SS is regular even
-    where W is singular. `noise` is how large a residual rounding alone can make. Nothing here is differentiated: S is
+    depends on those of S is never taken in: so W_SS is regular even where W is singular, and a problem without a
+    solution (two walls that close on a body) ends with a set that is regular. `noise` is how large a residual
+    rounding alone can make. Nothing here is differentiated: S is
     piecewise constant, and x_S = -W_SS^-1 b_S is solved again where its derivative is wanted.
     """
     matrix, vector, noise = lax.stop_gradient((matrix, vector, noise))
@@ -32,7 +34,7 @@ def complementarity_support(
 
     def take_in(S, x):
         residual = matrix @ x + vector
-        violation = jnp.where(candidates & ~S, residual + noise, jnp.inf)
+        violation = jnp.where(candidates & ~S & _independent(matrix, S), residual + noise, jnp.inf)
         worst = jnp.argmin(violation)
         finished = violation[worst] >= 0
         return jnp.where(finished, S, S.at[worst].set(True)), finished
@@ -59,3 +61,11 @@ def complementarity_support(
 
     start = (jnp.zeros_like(candidates), jnp.zeros_like(vector), jnp.array(False), 0)
     return lax.while_loop(unfinished, body, jax.tree.map(jnp.asarray, start))[0]
+
+
+def _independent(matrix, S):
+    """Columns that do not depend on those of S: what is left of the diagonal of W when S is eliminated."""
+    members = S.astype(matrix.dtype)
+    explained = jax.vmap(lambda column: column @ solve_masked(matrix, column, members), in_axes=1)(matrix)
+    diagonal = jnp.diag(matrix)
+    return diagonal - explained > closeness(matrix.dtype) * diagonal

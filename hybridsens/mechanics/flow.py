@@ -59,15 +59,15 @@ def multipliers_and_rates(scene: AbstractScene, t, q, v, active: Bool[Array, "co
 
 
 def project_to_contacts(
-    scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]
+    scene: AbstractScene, t, q, v, active: Bool[Array, "contact"], held_gap: Float[Array, "contact"]
 ) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
-    """The nearest state (in the kinetic metric, one Newton iteration each) with Phi_A = 0 and Phi'_A = 0.
+    """The nearest state (in the kinetic metric, one Newton iteration each) with Phi_A = held gap and Phi'_A = 0.
 
     Without it the index-reduced equations (T1) let a held gap drift off by the integration error.
     """
     members = active.astype(q.dtype)
     geometry = contact_geometry(scene, t, q)
-    q = q - geometry.mobility @ solve_masked(geometry.delassus_matrix, scene.gap(t, q), members)
+    q = q - geometry.mobility @ solve_masked(geometry.delassus_matrix, scene.gap(t, q) - held_gap, members)
     _, rate = gap_and_rate(scene, t, q, v)  # at the new q; what the geometry moved meanwhile is of second order
     v = v - geometry.mobility @ solve_masked(geometry.delassus_matrix, rate, members)
     return q, v

@@ -29,6 +29,11 @@ def impact_impulse(
     return solve_masked(geometry.delassus_matrix, -(1 + restitution) * rate, support.astype(rate.dtype))
 
 
+def settling_impulse(geometry: ContactGeometry, rate, settled: Bool[Array, "contact"]) -> Float[Array, "contact"]:
+    """Impulses with phi'+ = 0 on the settled contacts, of either sign."""
+    return solve_masked(geometry.delassus_matrix, -rate, settled.astype(rate.dtype))
+
+
 def impulse_support(
     geometry: ContactGeometry, rate, restitution, closed: Bool[Array, "contact"], speed
 ) -> Bool[Array, "contact"]:

@@ -28,6 +28,8 @@ class ContactMode(eqx.Module):
     margin: Float[Array, "contact"]
     """Penetration granted to a contact that is closed without a multiplier of its own (a redundant foot, balls that
     touch at rest), so that rounding does not fire its guard; 0 for every other contact [m]."""
+    held_gap: Float[Array, "contact"]
+    """Where a contact was when it closed, 0 up to rounding: there it is held, so that closing moves nothing [m]."""
     fastest: Float[Array, "contact"]
     """Largest closing speed at which the contact was hit so far: the scale of the capture speed [m/s]."""
     length: Float[Array, "contact"]

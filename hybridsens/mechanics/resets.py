@@ -11,7 +11,7 @@ from ..hybrid import Decision
 from ..precision import closeness, rounding, time_resolution
 from .contact import ContactGeometry, contact_geometry, gap_and_rate, gap_rate_and_bias
 from .flow import acceleration
-from .laws import Selection, gauss_selection, impact_impulse, impulse_support
+from .laws import Selection, gauss_selection, impact_impulse, impulse_support, settling_impulse
 from .mode import ContactMode, EventKind, gap_tolerance
 from .scene import AbstractScene
 
@@ -23,6 +23,8 @@ class ImpactDetail(eqx.Module):
     """Contacts whose impulse is positive; none at a release, whose reset is then the identity."""
     plastic: Bool[Array, "contact"]
     """Contacts that are captured: their restitution counts as 0."""
+    settled: Bool[Array, "contact"]
+    """Held contacts that another one's impulse would kick off too slowly to matter: their rates are 0 after it."""
 
 
 def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, t, q, v, mode: ContactMode) -> Decision:
@@ -31,7 +33,7 @@ def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, 
     `depth` is (relative, absolute): a touch that would penetrate less deep than that is grazing.
     """
     if mode.active.shape[0] == 0:  # nothing to meet: never called, but its shape is asked for
-        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(mode.active, mode.active))
+        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(mode.active, mode.active, mode.active))
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
     gap_acceleration = _gap_acceleration(scene, geometry, t, q, v, mode)
@@ -59,12 +61,12 @@ def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, 
         support, v_after = impact(nobody)
         hop = _hop(scene, t, q, v_after, gap_acceleration, struck)
         stays = (jnp.maximum(-e * rate, 0) <= unseen)[event] & (gap_acceleration[event] < 0)
-        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, nobody), grazing, stays, hop)
+        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, nobody, nobody), grazing, stays, hop)
 
     # A rebound too slow to matter (or to be seen above the rounding of the gap) is plastic, but only where the
     # contact is pressed together: a grazing contact leaves slowly too, and has to keep its rebound. So the law is
     # applied twice: with every slow contact plastic, and with those of them that were held then.
-    slow = struck & (e * jnp.maximum(-rate, 0) <= jnp.maximum(capture_speed * fastest, unseen))
+    slow = struck & (e * jnp.abs(rate) <= jnp.maximum(capture_speed * fastest, unseen))
     slowest = closeness(q.dtype) * mode.speed
 
     def law(_, carry):
@@ -75,10 +77,30 @@ def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, 
 
     start = (nobody, nobody, Selection(nobody, nobody), slow, v)
     plastic, support, selection, _, v_after = lax.fori_loop(0, 2, law, start)
-    after = _with_selection(mode, selection)
+    settled, v_after = _settle(scene, geometry, t, q, v_after, mode, selection.active, struck, capture_speed * fastest)
+    selection = gauss_selection(scene, geometry, t, q, v_after, closed, slowest)
+    after = _with_selection(mode, selection, gap)
     kind = jnp.where(is_release, EventKind.RELEASE, jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT))
-    hop = _hop(scene, t, q, v_after, gap_acceleration, struck & ~after.active)
-    return Decision(after, kind, ImpactDetail(support, plastic), grazing, hop=hop)
+    hop = _hop(scene, t, q, v_after, gap_acceleration, struck & ~after.held)
+    return Decision(after, kind, ImpactDetail(support, plastic, settled), grazing, hop=hop)
+
+
+def _settle(scene: AbstractScene, geometry: ContactGeometry, t, q, v, mode: ContactMode, active, struck, slow):
+    """Contacts that an impact leaves with a rate too slow to matter though all of them together are pressed.
+
+    An impact at one contact kicks its neighbours off, they fall back and kick it off: a cascade between contacts, which
+    is cut like that of one: rates below `slow`, or hops below the rounding of the gap, become 0. Returns them, and v.
+    """
+    nobody = jnp.zeros_like(struck)
+    if struck.shape[0] == 1:
+        return nobody, v
+    _, rate = gap_and_rate(scene, t, q, v)
+    falls = _gap_acceleration(scene, geometry, t, q, v, dataclasses.replace(mode, active=active))
+    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(falls) * mode.length)
+    limit = jnp.maximum(jnp.maximum(slow, unseen), closeness(q.dtype) * mode.speed)
+    together = gauss_selection(scene, geometry, t, q, v, struck, limit).active
+    settled = jnp.where(jnp.any(together & ~active), together, nobody)
+    return settled, v + geometry.mobility @ settling_impulse(geometry, rate, settled)
 
 
 def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
@@ -90,11 +112,12 @@ def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
     geometry = contact_geometry(scene, t, q)
     floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(jnp.abs(geometry.jacobian), axis=1)
     zero = jnp.zeros_like(gap)
-    mode = _wider_scales(ContactMode(jnp.zeros(gap.shape, bool), zero, zero, floor, floor), geometry, q, v)
+    mode = _wider_scales(ContactMode(jnp.zeros(gap.shape, bool), zero, zero, zero, floor, floor), geometry, q, v)
     if not scene.sustained_contact:
         return mode
     closed = gap <= gap_tolerance(mode.length)
-    return _with_selection(mode, gauss_selection(scene, geometry, t, q, v, closed, closeness(q.dtype) * mode.speed))
+    selection = gauss_selection(scene, geometry, t, q, v, closed, closeness(q.dtype) * mode.speed)
+    return _with_selection(mode, selection, gap)
 
 
 def _gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v, mode: ContactMode):
@@ -132,6 +155,7 @@ def _wider_scales(mode: ContactMode, geometry: ContactGeometry, q, v) -> Contact
     return dataclasses.replace(mode, length=length, speed=speed)
 
 
-def _with_selection(mode: ContactMode, selection: Selection) -> ContactMode:
+def _with_selection(mode: ContactMode, selection: Selection, gap) -> ContactMode:
     margin = jnp.where(selection.resting, gap_tolerance(mode.length), 0)
-    return dataclasses.replace(mode, active=selection.active, margin=margin)
+    held_gap = jnp.where(mode.active, mode.held_gap, jnp.maximum(gap, 0))
+    return dataclasses.replace(mode, active=selection.active, margin=margin, held_gap=lax.stop_gradient(held_gap))

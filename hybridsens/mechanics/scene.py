@@ -17,8 +17,8 @@ class State(eqx.Module):
     """Generalised velocities, q' [m/s or rad/s]."""
 
     def __init__(self, q, v):
-        self.q = _as_float(q)
-        self.v = _as_float(v)
+        self.q = _as_float("q", q)
+        self.v = _as_float("v", v)
 
 
 class AbstractScene(eqx.Module):
@@ -51,6 +51,9 @@ class AbstractScene(eqx.Module):
         """Newton's coefficient of restitution of each contact, in [0, 1]."""
 
 
-def _as_float(value):
-    array = jnp.asarray(value)
-    return array if jnp.issubdtype(array.dtype, jnp.inexact) else array.astype(jnp.result_type(float))
+def _as_float(name: str, value):
+    try:
+        array = jnp.asarray(value)
+        return array if jnp.issubdtype(array.dtype, jnp.inexact) else array.astype(jnp.result_type(float))
+    except (TypeError, ValueError, OverflowError, NotImplementedError) as error:
+        raise TypeError(f"`{name}` of a State must hold real numbers, but is {type(value).__name__}.") from error

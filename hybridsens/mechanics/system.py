@@ -11,7 +11,7 @@ from jax import lax
 from ..hybrid import AbstractHybridSystem, Decision
 from .contact import contact_geometry, gap_and_rate
 from .flow import acceleration, multipliers, multipliers_and_rates, project_to_contacts
-from .laws import impact_impulse
+from .laws import impact_impulse, settling_impulse
 from .mode import ContactMode
 from .resets import ImpactDetail, decide_transition
 from .scene import AbstractScene
@@ -90,6 +90,9 @@ class MechanicalSystem(AbstractHybridSystem):
         _, rate = gap_and_rate(self.scene, t, q, v)
         restitution = jnp.where(detail.plastic, 0, self.scene.restitution())
         impulse = impact_impulse(geometry, rate, restitution, detail.support)
+        if rate.shape[0] > 1:  # one contact has no neighbour to settle with
+            rate = rate + geometry.delassus_matrix @ impulse
+            impulse = impulse + settling_impulse(geometry, rate, detail.settled)
         return x.at[self.dof : 2 * self.dof].add(geometry.mobility @ impulse), impulse
 
     def project(self, t, x, mode: ContactMode):
@@ -99,6 +102,6 @@ class MechanicalSystem(AbstractHybridSystem):
 
         def projected():
             q, v, z = self.split(x)
-            return jnp.concatenate([*project_to_contacts(self.scene, t, q, v, mode.active), z])
+            return jnp.concatenate([*project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap), z])
 
         return lax.cond(jnp.any(mode.active), projected, lambda: x)
