@@ -4,18 +4,24 @@
 
 Each method runs in a process of its own. "Added" is its peak resident memory less that before the gradient was compiled
 and run; "plan" is what the compiler says it allocates. The exact gradient is known, so the error stands beside it.
+Rows also go to results/memory.csv, in bytes.
 """
 
 import argparse
 import ast
+import csv
 import json
 import math
 import resource
 import subprocess
 import sys
 import time
+from pathlib import Path
 
-METHODS = ("Replay()", "ForwardSensitivities()")
+from .machine import describe
+
+METHODS = ("Replay()", "ForwardSensitivities()", "ContinuousCostate()", "DiffraxAdjoint()")
+COLUMNS = ("method", "plan", "running", "compiling", "error", "seconds", "impacts", "failure")
 GRAVITY = 9.81
 
 
@@ -81,28 +87,47 @@ def _peak() -> int:
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # kilobytes on Linux
 
 
+def in_its_own_process(method: str, impacts: int, tolerance: float) -> dict:
+    """What `measure` returns there, or why it failed."""
+    asked = [f"--impacts={impacts}", f"--tolerance={tolerance}", f"--method={method}"]
+    run = subprocess.run([sys.executable, "-m", "benchmarks.memory", *asked], capture_output=True, text=True)
+    if run.returncode:
+        return {"method": method, "failure": (run.stderr.strip().splitlines() or ["no message"])[-1]}
+    return {"method": method, **json.loads(run.stdout.splitlines()[-1])}
+
+
+def show(row: dict) -> None:
+    """Print a row, in megabytes."""
+    if "failure" in row:
+        print(f"{row['method']:26}  failed: {row['failure']}")
+        return
+    widths = {"plan": 9, "running": 12, "compiling": 14}
+    sizes = "".join(f"{row[name] / 1e6:>{width}.1f}" for name, width in widths.items())
+    print(f"{row['method']:26}{sizes}{row['error']:>10.1e}{row['seconds']:>9.2f}{row['impacts']:>9}", flush=True)
+
+
 def main() -> None:
-    """Print one row for each method."""
+    """Print one row for each method, and write them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--impacts", type=int, default=10_000)
     parser.add_argument("--tolerance", type=float, default=1e-8)
     parser.add_argument("--method", help="only this one, in this process, as JSON")
+    parser.add_argument("--csv", type=Path, default=Path("results/memory.csv"))
     arguments = parser.parse_args()
     if arguments.method:
         print(json.dumps(measure(arguments.method, arguments.impacts, arguments.tolerance)))
         return
     print(f"{'':26}{'plan MB':>9}{'running MB':>12}{'compiling MB':>14}{'error':>10}{'seconds':>9}{'impacts':>9}")
+    rows = []
     for method in METHODS:
-        same = [f"--impacts={arguments.impacts}", f"--tolerance={arguments.tolerance}", f"--method={method}"]
-        run = subprocess.run([sys.executable, "-m", "benchmarks.memory", *same], capture_output=True, text=True)
-        if run.returncode:
-            print(f"{method:26}  failed: {(run.stderr.strip().splitlines() or ['no message'])[-1]}")
-            continue
-        row = json.loads(run.stdout.splitlines()[-1])
-        print(
-            f"{method:26}{row['plan'] / 1e6:>9.1f}{row['running'] / 1e6:>12.1f}{row['compiling'] / 1e6:>14.1f}"
-            f"{row['error']:>10.1e}{row['seconds']:>9.2f}{row['impacts']:>9}"
-        )
+        rows.append(in_its_own_process(method, arguments.impacts, arguments.tolerance))
+        show(rows[-1])
+    arguments.csv.parent.mkdir(exist_ok=True)
+    with arguments.csv.open("w", newline="") as file:
+        file.write(f"# {json.dumps(describe())}\n")
+        table = csv.DictWriter(file, COLUMNS)
+        table.writeheader()
+        table.writerows(rows)
 
 
 if __name__ == "__main__":

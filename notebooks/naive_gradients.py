@@ -5,9 +5,11 @@
 # and how elastic the floor is. Automatic differentiation of the simulation answers at once, without a word of warning,
 # and for most ways to write the simulation the answer is wrong.
 #
-# This page is a script in cells: run it as it is, or open it as a notebook (Jupyter with jupytext, VS Code).
+# This page is a script in cells: run it as it is, open it in VS Code, or make a notebook of it with
+# `jupytext --to ipynb --execute naive_gradients.py`.
 
 # %%
+# %matplotlib inline
 import os
 
 import hybridsens as hs
@@ -149,6 +151,7 @@ axes.set(xlabel="(average) step [s]", ylabel="relative error of the gradient", t
 axes.grid(color="0.9")
 axes.legend()
 figure.savefig("naive_gradients.png", dpi=150)
+figure  # noqa: B018
 
 # %% [markdown]
 # The upper two lines do not fall, however small the step. The `where` reset differentiates another function than the

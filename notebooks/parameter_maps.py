@@ -3,8 +3,12 @@
 #
 # A forced oscillator strikes a stop. How does a cost of its motion depend on the forcing, where is its gradient large,
 # and where does the sequence of impacts change? Then: which motions does it settle to?
+#
+# This page is a script in cells: run it as it is, open it in VS Code, or make a notebook of it with
+# `jupytext --to ipynb --execute parameter_maps.py`.
 
 # %%
+# %matplotlib inline
 import os
 
 import hybridsens
@@ -50,7 +54,7 @@ dataset  # noqa: B018
 
 # %%
 figure = plot_sweep(dataset)
-figure.savefig("parameter_map.png", dpi=120)
+figure.savefig("sweep-map.png", dpi=100)
 figure  # noqa: B018
 
 # %%
@@ -85,7 +89,7 @@ stop = StickyStop(distance=0.1, restitution_coefficient=0.8, damping=0.02)
 sweep_design = grid(stop, {"frequency": np.linspace(2.2, 3.2, FREQUENCIES)})
 settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, progress=not SMALL)
 figure = plot_bifurcation(settled, state="v")
-figure.savefig("bifurcation.png", dpi=120)
+figure.savefig("bifurcation.png", dpi=100)
 figure  # noqa: B018
 
 # %%
