@@ -6,13 +6,13 @@ from .adjoint.methods import DiffraxAdjoint as DiffraxAdjoint
 from .adjoint.methods import ForwardSensitivities as ForwardSensitivities
 from .adjoint.methods import Replay as Replay
 from .configure import configure as configure
-from .forward.status import Status as Status
 from .hybrid import AbstractHybridSystem as AbstractHybridSystem
 from .hybrid import Decision as Decision
 from .mechanics.mode import EventKind as EventKind
 from .mechanics.scene import AbstractScene as AbstractScene
 from .mechanics.scene import State as State
 from .simulate import simulate as simulate
+from .status import Status as Status
 from .trajectory import Events as Events
 from .trajectory import SimulationError as SimulationError
 from .trajectory import Trajectory as Trajectory
@@ -22,6 +22,7 @@ _STUDIES = {
     "compare": "compare",
     "plot_comparison": "compare_plot",
     "work_precision": "work_precision",
+    "lyapunov": "lyapunov",
     "plot_work_precision": "work_precision_plot",
     "fit": "fit",
     "FitResult": "fit",

@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .status import Status
+
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
 
@@ -27,8 +29,8 @@ class Decision(eqx.Module):
     """What else `reset` has to know (which impulses act, say)."""
     grazing: Bool[Array, ""] | bool = False
     """Whether the guard was met so gently that the tolerances cannot tell an event from a near miss."""
-    stays: Bool[Array, ""] | bool = False
-    """Whether the guard would stay at zero, in a system that has no mode for that."""
+    status: Status = eqx.field(default_factory=lambda: Status.running)
+    """`Status.running`, or why the motion must not go on."""
     hop: Float[Array, ""] | float = float("inf")
     """How soon a guard that is being left may fall again: the first step after the event is no longer than that."""
 
@@ -51,6 +53,19 @@ class AbstractHybridSystem(eqx.Module):
     @abc.abstractmethod
     def decide(self, event: Int[Array, ""], t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Decision:
         """The discrete part of a transition: next mode and which law acts. Never differentiated."""
+
+    def choose(self, event: Int[Array, ""], t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Decision:
+        """`decide`, and where `event` is -1 the mode in which a motion from (t, x) begins: by default the given one."""
+        begins = event < 0
+        decision = self.decide(jnp.maximum(event, 0), t, x, mode)
+        return Decision(
+            jax.tree.map(lambda old, new: jnp.where(begins, old, new), mode, decision.mode),
+            decision.kind,
+            decision.detail,
+            jnp.where(begins, False, decision.grazing),
+            Status.where(begins, Status.running, decision.status),
+            jnp.where(begins, jnp.inf, decision.hop),
+        )
 
     @abc.abstractmethod
     def reset(

@@ -13,15 +13,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
-from .forward.status import Status
-from .mechanics.checks import check_shapes, initial_values, real_array, real_tolerance
+from .mechanics.checks import check_shapes, real_array, real_tolerance
 from .mechanics.closures import lift_closures
-from .mechanics.contact import gap_and_rate
-from .mechanics.mode import EventKind, default_capture_speed
-from .mechanics.resets import initial_mode
+from .mechanics.mode import default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
 from .mechanics.system import MechanicalSystem
 from .solve import Inputs, Method, Reported, Setting, solve
+from .status import Status
 from .trajectory import Events, SimulationError, Steps, Trajectory
 
 
@@ -93,22 +91,16 @@ def _simulate(system: MechanicalSystem, state: State, t0, t1, ts, method: Method
         cost_shape = jax.eval_shape(lambda: running_cost(system.scene, t0, state.q, state.v))
     z = jnp.zeros(sum(leaf.size for leaf in jax.tree.leaves(cost_shape)), state.q.dtype)
     x0 = jnp.concatenate([state.q, state.v, z])
-    mode = jax.lax.stop_gradient(initial_mode(system.scene, t0, state.q, state.v, method.atol))
-    setting = Setting(mode, _initial_status(system.scene, mode, state, t0, t1, ts, method), method)
+    mode = open_mode(jax.eval_shape(system.scene.gap, t0, state.q).shape[0], state.q.dtype)
+    setting = Setting(mode, _horizon_status(t0, t1, ts, method), method)
     reported = solve(Inputs(system, x0, t0, t1, ts), setting, adjoint)
     return _trajectory(system, ts, reported, cost_shape)
 
 
-def _initial_status(scene: AbstractScene, mode, state: State, t0, t1, ts, method: Method) -> Status:
-    holds = initial_values(scene, mode, t0, state.q, state.v)
-    status = Status.running
-    for name, failure in (
-        ("gap", Status.penetration), ("restitution", Status.bad_restitution), ("mass_matrix", Status.bad_mass_matrix),
-        ("finite", Status.non_finite),
-    ):  # fmt: skip
-        status = Status.where(holds[name], status, failure)
+def _horizon_status(t0, t1, ts, method: Method) -> Status:
+    """Whether times and tolerances fit; what depends on the scene is looked at where the motion begins."""
     positive = (jnp.asarray(method.rtol) > 0) & (jnp.asarray(method.atol) > 0)
-    status = Status.where(positive, status, Status.bad_tolerance)
+    status = Status.where(positive, Status.running, Status.bad_tolerance)
     if ts is not None and ts.shape[0] > 0:
         sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)
         status = Status.where(sorted_inside, status, Status.unsorted_times)
@@ -121,25 +113,8 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) ->
     q, v, z = system.split(reported.final)
     before, after = (State(*system.split(x)[:2]) for x in (reported.before, reported.after))
     kind = jnp.where(happened, reported.kind, -1)
-    time = jnp.where(happened, reported.time, 0)
-
-    def closing_speed(t, q, v, contact, kind):
-        speed = -gap_and_rate(system.scene, t, q, v)[1][contact]
-        return jnp.where((kind == EventKind.IMPACT) | (kind == EventKind.CAPTURE), speed, 0)
-
-    speeds = jnp.zeros_like(time)
-    if reported.emitted.shape[-1] > 0:
-        speeds = jax.vmap(closing_speed)(time, before.q, before.v, reported.guard, kind)
-    events = Events(
-        reported.time,
-        kind,
-        reported.guard,
-        before,
-        after,
-        reported.emitted,
-        jnp.where(happened, speeds, 0),
-        reported.count,
-    )
+    impulse, closing_speed = reported.emitted
+    events = Events(reported.time, kind, reported.guard, before, after, impulse, closing_speed, reported.count)
     samples = (None, None) if reported.samples is None else system.split(reported.samples)[:2]
     return Trajectory(
         ts, *samples, State(q, v), _unravel(z, cost_shape), events, reported.mode.active, reported.status,

@@ -17,9 +17,9 @@ from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
 from .forward.segment import Stepper
 from .forward.segment_loop import run_segments
-from .forward.solver import TERM, flow_operations, prepare_solver
-from .forward.status import Status
+from .forward.solver import flow_operations, prepare_solver
 from .hybrid import AbstractHybridSystem, Mode
+from .status import Status
 from .traced_once import TracedOnce
 
 
@@ -56,7 +56,7 @@ class Setting(NamedTuple):
     """Everything else that a motion depends on."""
 
     mode: Mode
-    """Initial mode."""
+    """The mode to begin in; what a system that chooses its own is given to choose from."""
     status: Status
     """`Status.running`, or why the motion must not start."""
     method: Method
@@ -122,11 +122,8 @@ def _run(inputs: Inputs, setting: Setting) -> Motion:
     """The forward pass; its derivative rule in forward mode is the push-forward of variations."""
     system, x0, t0, t1, _ = inputs
     stepper = setting.method.stepper(_operations(inputs, setting))
-    args = (system, setting.mode)
-    order = stepper.solver.error_order(TERM)
-    t_first, _ = stepper.controller.init(TERM, t0, t1, x0, None, args, stepper.solver.func, order)
     room = setting.method.max_events, setting.method.max_steps
-    motion = empty_motion(system, t0, x0, setting.mode, *room, t_first - t0, setting.status)
+    motion = empty_motion(system, t0, x0, setting.mode, *room, setting.status)
     return run_segments(system, stepper, t1, motion)
 
 

@@ -29,7 +29,10 @@ class TracedOnce(AbstractHybridSystem):
         return self.system.grazing_depth(mode)
 
     def decide(self, event, t, x, mode):
-        return _decide(self.system, event, t, x, mode)
+        return self.system.decide(event, t, x, mode)
+
+    def choose(self, event, t, x, mode):
+        return _choose(self.system, event, t, x, mode)
 
     def reset(self, decision, t, x):
         return _reset(self.system, decision, t, x)
@@ -39,5 +42,5 @@ _flow = eqx.filter_jit(lambda system, t, x, mode: system.flow(t, x, mode))
 _guards = eqx.filter_jit(lambda system, t, x, mode: system.guards(t, x, mode))
 _guards_and_rates = eqx.filter_jit(lambda system, t, x, mode: system.guards_and_rates(t, x, mode))
 _project = eqx.filter_jit(lambda system, t, x, mode: system.project(t, x, mode))
-_decide = eqx.filter_jit(lambda system, event, t, x, mode: system.decide(event, t, x, mode))
+_choose = eqx.filter_jit(lambda system, event, t, x, mode: system.choose(event, t, x, mode))
 _reset = eqx.filter_jit(lambda system, decision, t, x: system.reset(decision, t, x))

@@ -7,9 +7,9 @@ import jax.core
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .forward.status import Status
 from .mechanics.mode import EventKind
 from .mechanics.scene import State
+from .status import Status
 
 
 class Steps(NamedTuple):

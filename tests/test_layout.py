@@ -8,19 +8,20 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "hybridsens"
-FRONT = {"simulate", "solve", "trajectory", "batching", "traced_once"}
+FRONT = {"status", "simulate", "solve", "trajectory", "batching", "traced_once"}
 BELOW = {"hybrid", "mechanics", "forward", "adjoint", "configure", "precision", "scenes"} | FRONT
 MAY_IMPORT = {
-    "hybrid": set(),
+    "status": set(),
+    "hybrid": {"status"},
     "configure": set(),
     "precision": set(),
     "batching": set(),
-    "mechanics": {"hybrid", "precision"},
-    "forward": {"hybrid", "precision"},
+    "mechanics": {"hybrid", "precision", "status"},
+    "forward": {"hybrid", "precision", "status"},
     "adjoint": {"hybrid", "forward", "precision"},
     "traced_once": {"hybrid"},
-    "solve": {"hybrid", "forward", "adjoint", "batching", "traced_once", "precision"},
-    "trajectory": {"mechanics", "forward"},
+    "solve": {"hybrid", "forward", "adjoint", "batching", "traced_once", "precision", "status"},
+    "trajectory": {"mechanics", "status"},
     "simulate": {"hybrid", "mechanics", "forward", "adjoint", "precision"} | FRONT,
     "scenes": {"mechanics"},
     "study": BELOW,

@@ -10,6 +10,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..precision import closeness, rounding, time_resolution
@@ -86,14 +87,20 @@ class LandingController(diffrax.AbstractStepSizeController):
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
         del dt0  # Diffrax checks a dt0 by a host callback, which a compiled loop must not hold
-        t1, inner = self.inner.init(terms, t0, t1, y0, self.first_step, args, func, error_order)
+        first_step = self._first_step(terms, t0, t1, y0, args, func, error_order)
+        t1, inner = self.inner.init(terms, t0, t1, y0, first_step, args, func, error_order)
         start = self.start
         rate = jnp.where(start.leaving, jnp.maximum(start.rate, 0), start.rate)
         state = LandingState(
             inner, self.record, jnp.where(start.leaving, 0, jnp.maximum(start.guard, 0)), rate, start.noise,
-            jnp.array(0), self.first_step, self.rejected, jnp.array(-1), jnp.array(False), jnp.array(True),
+            jnp.array(0), first_step, self.rejected, jnp.array(-1), jnp.array(False), jnp.array(True),
         )  # fmt: skip
         return t1, state
+
+    def _first_step(self, terms, t0, t1, y0, args, func, error_order):
+        """The step that is known from the segment before, or one that the error control finds."""
+        find = lambda: self.inner.init(terms, t0, t1, y0, None, args, func, error_order)[0] - t0
+        return lax.cond(self.first_step > 0, lambda: self.first_step, find)
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         state: LandingState = controller_state

@@ -7,7 +7,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..hybrid import AbstractHybridSystem, Decision, Mode
-from .status import Status
+from ..status import Status
 
 
 class StepRecord(eqx.Module):
@@ -66,6 +66,8 @@ class Motion(eqx.Module):
     read and written in the same loop is copied whole at every turn.
     """
 
+    begun: Bool[Array, ""]
+    """Whether the initial mode has been chosen."""
     t: Float[Array, ""]
     """Where the motion stands."""
     x: Float[Array, "state"]
@@ -83,7 +85,7 @@ class Motion(eqx.Module):
     rejected: Int[Array, ""]
     """Steps that were tried and not kept (those that overshot an event among them)."""
     first_step: Float[Array, ""]
-    """Size of the step to try next."""
+    """Size of the step to try next; 0 where the error control has to find one."""
     status: Status
 
 
@@ -93,7 +95,7 @@ def write(buffer: Array, row: Array, place: Int[Array, ""]) -> Array:
 
 
 def empty_motion(
-    system: AbstractHybridSystem, t0, x0, mode: Mode, max_events: int, max_steps: int, first_step, status
+    system: AbstractHybridSystem, t0, x0, mode: Mode, max_events: int, max_steps: int, status
 ) -> Motion:
     """A motion that stands at (t0, x0) and has room for `max_steps` steps and `max_events` events.
 
@@ -104,7 +106,7 @@ def empty_motion(
         jnp.zeros((max_steps + 2, x0.shape[0]), x0.dtype).at[0].set(x0),
         jnp.array(0),
     )
-    decision = jax.eval_shape(lambda: system.decide(jnp.array(0), t0, x0, mode))
+    decision = jax.eval_shape(lambda: system.choose(jnp.array(0), t0, x0, mode))
     _, emitted = jax.eval_shape(lambda decision: system.reset(decision, t0, x0), decision)
     rows = lambda tree: jax.tree.map(lambda leaf: jnp.zeros((max_events + 1, *leaf.shape), leaf.dtype), tree)
     events = EventRecord(
@@ -119,7 +121,8 @@ def empty_motion(
         count=jnp.array(0),
     )
     never = jnp.array(-jnp.inf, t0.dtype)
-    return Motion(t0, x0, mode, steps, events, jnp.array(-1), never, jnp.array(False), jnp.array(0), first_step, status)
+    no = jnp.array(False)
+    return Motion(no, t0, x0, mode, steps, events, jnp.array(-1), never, no, jnp.array(0), jnp.zeros_like(t0), status)
 
 
 def segment(motion: Motion, j) -> tuple[Mode, Int[Array, ""], Int[Array, ""]]:

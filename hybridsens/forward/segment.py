@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..hybrid import AbstractHybridSystem
+from ..status import Status
 from .landing import LandingController, LandingState, first_to_fall, guards_at_start
 from .record import Motion
 from .solver import TERM
-from .status import Status
 
 
 class Stepper(eqx.Module):
@@ -25,13 +25,13 @@ class SegmentEnd(eqx.Module):
     event: Bool[Array, ""]
     """Whether a guard fell through zero."""
     guard: Int[Array, ""]
-    """Which one; meaningless without an event."""
+    """Which one; -1 where the motion has not begun, meaningless without an event."""
 
 
 def solve_segment(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Motion) -> tuple[Motion, SegmentEnd]:
-    """Integrate from where the motion stands until the first event or t1."""
+    """Integrate from where the motion stands until the first event or t1; its beginning is an event too."""
     start = guards_at_start(system, motion.t, motion.x, motion.mode)
-    at_once = jnp.any(start.fired)
+    at_once = jnp.any(start.fired) | ~motion.begun
     solution = diffrax.diffeqsolve(
         TERM,
         stepper.solver,
@@ -52,9 +52,11 @@ def solve_segment(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Mo
     assert isinstance(state, LandingState) and ts is not None and ys is not None
     landed = solution.result == diffrax.RESULTS.event_occurred
     guard = jnp.where(at_once, first_to_fall(start.fired, start.guard, start.rate), state.fired)
+    guard = jnp.where(motion.begun, guard, -1)
+    first_step = jnp.where(motion.begun, state.free_step, motion.first_step)  # to be found in the mode then chosen
     motion = Motion(
-        ts[0], ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event,
-        motion.grazing | state.grazing, state.rejected, state.free_step, _status(solution.result, state.finite),
+        motion.begun, ts[0], ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event,
+        motion.grazing | state.grazing, state.rejected, first_step, _status(solution.result, state.finite),
     )  # fmt: skip
     return motion, SegmentEnd(at_once | landed, guard)
 

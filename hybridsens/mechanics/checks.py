@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..status import Status
 from .dense import pivots
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene, State
@@ -66,21 +67,27 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
                 raise TypeError(f"`running_cost` must return real numbers, but returns {kind}.")
 
 
-def initial_values(scene: AbstractScene, mode: ContactMode, t, q, v) -> dict[str, jax.Array]:
-    """Which requirements on the values hold at the start: name -> boolean."""
+def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status:
+    """`Status.running` where the values at (t, q, v) fit, or why the motion must not go on from there.
+
+    Asked at the start (`event` -1), and again at every event, where the gaps are the business of the laws.
+    """
     mass_matrix = scene.mass_matrix(q)
     gap = scene.gap(t, q)
     e = scene.restitution()
-    symmetric = jnp.max(jnp.abs(mass_matrix - mass_matrix.T)) <= 1e3 * jnp.finfo(q.dtype).eps * jnp.max(
-        jnp.abs(mass_matrix)
+    size = jnp.max(jnp.abs(mass_matrix))
+    symmetric = jnp.max(jnp.abs(mass_matrix - mass_matrix.T)) <= 1e3 * jnp.finfo(q.dtype).eps * size
+    values = jnp.concatenate([q, v, jnp.ravel(mass_matrix), gap, scene.force(t, q, v), t[None]])
+    requirements = (
+        (Status.penetration, (event >= 0) | jnp.all(gap >= -gap_tolerance(mode.length))),
+        (Status.bad_restitution, jnp.all((e >= 0) & (e <= 1))),
+        (Status.bad_mass_matrix, symmetric & jnp.all(pivots(mass_matrix) > 0)),
+        (Status.non_finite, jnp.all(jnp.isfinite(values))),
     )
-    finite = [jnp.all(jnp.isfinite(part)) for part in (q, v, t, mass_matrix, gap, scene.force(t, q, v))]
-    return {
-        "finite": jnp.all(jnp.stack(finite)),
-        "mass_matrix": symmetric & jnp.all(pivots(mass_matrix) > 0),
-        "restitution": jnp.all((e >= 0) & (e <= 1)),
-        "gap": jnp.all(gap >= -gap_tolerance(mode.length)),
-    }
+    status = Status.running
+    for failure, fits in requirements:
+        status = Status.where(fits, status, failure)
+    return status
 
 
 def _shape(function, *arguments) -> tuple[int, ...]:

@@ -34,6 +34,16 @@ def settling_impulse(geometry: ContactGeometry, rate, settled: Bool[Array, "cont
     return solve_masked(geometry.delassus_matrix, -rate, settled.astype(rate.dtype))
 
 
+def transition_impulse(
+    geometry: ContactGeometry, rate, restitution, support: Bool[Array, "contact"], settled: Bool[Array, "contact"]
+) -> Float[Array, "contact"]:
+    """All impulses of an event: those of the impact, then those that bring the settled contacts to rest."""
+    impulse = impact_impulse(geometry, rate, restitution, support)
+    if rate.shape[0] == 1:  # one contact has no neighbour to settle with
+        return impulse
+    return impulse + settling_impulse(geometry, rate + geometry.delassus_matrix @ impulse, settled)
+
+
 def impulse_support(
     geometry: ContactGeometry, rate, restitution, closed: Bool[Array, "contact"], speed
 ) -> Bool[Array, "contact"]:

@@ -43,6 +43,12 @@ class ContactMode(eqx.Module):
         return self.active | (self.margin > 0)
 
 
+def open_mode(contacts: int, dtype) -> ContactMode:
+    """Every contact open, nothing remembered: what a motion starts from before its initial mode is chosen."""
+    zero = jnp.zeros(contacts, dtype)
+    return ContactMode(jnp.zeros(contacts, bool), zero, zero, zero, zero, zero)
+
+
 def gap_tolerance(length):
     """Gaps up to this size count as closed [m]."""
     return closeness(length.dtype) * length

@@ -1,24 +1,29 @@
 """What happens at an event: who takes part, which law acts, who is held afterwards."""
 
 import dataclasses
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float, Int
 
 from ..hybrid import Decision
 from ..precision import closeness, rounding, time_resolution
+from ..status import Status
+from .checks import may_begin
 from .contact import ContactGeometry, contact_geometry, gap_and_rate, gap_rate_and_bias
 from .flow import acceleration
-from .laws import Selection, gauss_selection, impact_impulse, impulse_support, settling_impulse
-from .mode import ContactMode, EventKind, gap_tolerance
+from .laws import Selection, gauss_selection, impulse_support, transition_impulse
+from .mode import ContactMode, EventKind, gap_tolerance, open_mode
 from .scene import AbstractScene
 
 
 class ImpactDetail(eqx.Module):
     """What `reset` has to know of a decision."""
 
+    fired: Bool[Array, "contact"]
+    """The contact whose gap fell to zero; none at a release."""
     support: Bool[Array, "contact"]
     """Contacts whose impulse is positive; none at a release, whose reset is then the identity."""
     plastic: Bool[Array, "contact"]
@@ -27,101 +32,145 @@ class ImpactDetail(eqx.Module):
     """Held contacts that another one's impulse would kick off too slowly to matter: their rates are 0 after it."""
 
 
-def decide_transition(scene: AbstractScene, capture_speed: float, depth, event, t, q, v, mode: ContactMode) -> Decision:
-    """The discrete outcome of guard `event` falling through zero at (t, q, v-).
+class Meeting(NamedTuple):
+    """What is known at an event before any law acts."""
+
+    geometry: ContactGeometry
+    gap: Float[Array, "contact"]
+    rate: Float[Array, "contact"]
+    """Phi' just before."""
+    gap_acceleration: Float[Array, "contact"]
+    """Phi'' as the motion was before."""
+    fired: Bool[Array, "contact"]
+    closed: Bool[Array, "contact"]
+    """Contacts that are closed at this instant."""
+    struck: Bool[Array, "contact"]
+    """Those of them that the law of impact is asked about: none at a release or at the start."""
+    unseen: Float[Array, "contact"]
+    """Rebounds slower than this hop lower than the rounding of the gap."""
+
+
+class Outcome(NamedTuple):
+    """What the laws leave."""
+
+    plastic: Bool[Array, "contact"]
+    support: Bool[Array, "contact"]
+    settled: Bool[Array, "contact"]
+    v: Float[Array, "dof"]
+    """Velocities after."""
+    selection: Selection
+
+
+def decide_transition(
+    scene: AbstractScene, capture_speed: float, depth, event: Int[Array, ""], t, q, v, mode: ContactMode
+) -> Decision:
+    """The discrete outcome of guard `event` falling through zero at (t, q, v-); of the start where it is -1.
 
     `depth` is (relative, absolute): a touch that would penetrate less deep than that is grazing.
     """
-    if mode.active.shape[0] == 0:  # nothing to meet: never called, but its shape is asked for
-        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(mode.active, mode.active, mode.active))
-    geometry = contact_geometry(scene, t, q)
-    gap, rate = gap_and_rate(scene, t, q, v)
-    gap_acceleration = _gap_acceleration(scene, geometry, t, q, v, mode)
-    mode = _wider_scales(mode, geometry, q, v)
-    fired = jnp.arange(gap.shape[0]) == event
-    is_release = mode.active[event]
-    touching = _touching(geometry, event, gap, gap_tolerance(mode.length) + time_resolution(t, 2) * jnp.abs(rate))
-    held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
-    closed = jnp.where(is_release, held & ~fired, held | fired | touching)
-    struck = closed & ~is_release
-    fastest = jnp.where(struck, jnp.maximum(mode.fastest, -rate), mode.fastest)
-    mode = dataclasses.replace(mode, fastest=fastest)
-    grazing = ~is_release & _is_grazing(rate[event], gap_acceleration[event], depth[0] * mode.length[event] + depth[1])
-    e = scene.restitution()
-
-    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)  # lower hops are rounding
-    nobody = jnp.zeros_like(closed)
-
-    def impact(plastic):
-        restitution = jnp.where(plastic, 0, e)
-        support = impulse_support(geometry, rate, restitution, struck, mode.speed)
-        return support, v + geometry.mobility @ impact_impulse(geometry, rate, restitution, support)
-
+    if mode.active.shape[0] == 0:  # no contact to choose: all that can be said is whether the values fit
+        nobody = ImpactDetail(*4 * [mode.active])
+        return Decision(mode, jnp.asarray(EventKind.IMPACT), nobody, status=may_begin(scene, mode, event, t, q, v))
+    is_release = mode.active[event]  # at the start no contact is
+    meeting, mode = _meet(scene, depth[1], event, t, q, v, mode)
+    status = may_begin(scene, mode, event, t, q, v)
+    deepest = depth[0] * mode.length[event] + depth[1]
+    met = (event >= 0) & ~is_release
+    grazing = met & _is_grazing(meeting.rate[event], meeting.gap_acceleration[event], deepest)
     if not scene.sustained_contact:
-        support, v_after = impact(nobody)
-        hop = _hop(scene, t, q, v_after, gap_acceleration, struck)
-        stays = (jnp.maximum(-e * rate, 0) <= unseen)[event] & (gap_acceleration[event] < 0)
-        return Decision(mode, jnp.asarray(EventKind.IMPACT), ImpactDetail(support, nobody, nobody), grazing, stays, hop)
-
-    # A rebound too slow to matter (or to be seen above the rounding of the gap) is plastic, but only where the
-    # contact is pressed together: a grazing contact leaves slowly too, and has to keep its rebound. So the law is
-    # applied twice: with every slow contact plastic, and with those of them that were held then.
-    slow = struck & (e * jnp.abs(rate) <= jnp.maximum(capture_speed * fastest, unseen))
-    slowest = closeness(q.dtype) * mode.speed
-
-    def law(_, carry):
-        plastic = carry[3]
-        support, v_after = impact(plastic)
-        selection = gauss_selection(scene, geometry, t, q, v_after, closed, slowest)
-        return plastic, support, selection, slow & selection.active, v_after
-
-    start = (nobody, nobody, Selection(nobody, nobody), slow, v)
-    plastic, support, selection, _, v_after = lax.fori_loop(0, 2, law, start)
-    settled, v_after = _settle(scene, geometry, t, q, v_after, mode, selection.active, struck, capture_speed * fastest)
-    selection = gauss_selection(scene, geometry, t, q, v_after, closed, slowest)
-    after = _with_selection(mode, selection, gap)
-    kind = jnp.where(is_release, EventKind.RELEASE, jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT))
-    hop = _hop(scene, t, q, v_after, gap_acceleration, struck & ~after.held)
-    return Decision(after, kind, ImpactDetail(support, plastic, settled), grazing, hop=hop)
-
-
-def _settle(scene: AbstractScene, geometry: ContactGeometry, t, q, v, mode: ContactMode, active, struck, slow):
-    """Contacts that an impact leaves with a rate too slow to matter though all of them together are pressed.
-
-    An impact at one contact kicks its neighbours off, they fall back and kick it off: a cascade between contacts, which
-    is cut like that of one: rates below `slow`, or hops below the rounding of the gap, become 0. Returns them, and v.
-    """
-    nobody = jnp.zeros_like(struck)
-    if struck.shape[0] == 1:
-        return nobody, v
-    _, rate = gap_and_rate(scene, t, q, v)
-    falls = _gap_acceleration(scene, geometry, t, q, v, dataclasses.replace(mode, active=active))
-    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(falls) * mode.length)
-    limit = jnp.maximum(jnp.maximum(slow, unseen), closeness(q.dtype) * mode.speed)
-    together = gauss_selection(scene, geometry, t, q, v, struck, limit).active
-    settled = jnp.where(jnp.any(together & ~active), together, nobody)
-    return settled, v + geometry.mobility @ settling_impulse(geometry, rate, settled)
+        return _bounce(scene, meeting, event, t, q, v, mode, grazing, status)
+    outcome = _apply_laws(scene, capture_speed, meeting, t, q, v, mode)
+    after = _with_selection(mode, outcome.selection, meeting.gap)
+    kind = jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT)
+    detail = ImpactDetail(meeting.fired & ~is_release, outcome.support, outcome.plastic, outcome.settled)
+    hop = _hop(scene, t, q, outcome.v, meeting.gap_acceleration, meeting.struck & ~after.held)
+    return Decision(after, jnp.where(is_release, EventKind.RELEASE, kind), detail, grazing, status, hop)
 
 
 def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
-    """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2).
+    """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2)."""
+    mode = open_mode(scene.gap(t, q).shape[0], q.dtype)
+    return decide_transition(scene, 0.0, (0.0, atol), jnp.array(-1), t, q, v, mode).mode
 
-    `atol` is the caller's word for a size that does not matter: it gives a scale to a scene that rests at the origin.
-    """
-    gap, _ = gap_and_rate(scene, t, q, v)
+
+def _meet(scene: AbstractScene, atol, event, t, q, v, mode: ContactMode) -> tuple[Meeting, ContactMode]:
+    """Who meets, and the mode with its memory of sizes brought up to date."""
     geometry = contact_geometry(scene, t, q)
-    floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(jnp.abs(geometry.jacobian), axis=1)
-    zero = jnp.zeros_like(gap)
-    mode = _wider_scales(ContactMode(jnp.zeros(gap.shape, bool), zero, zero, zero, floor, floor), geometry, q, v)
-    if not scene.sustained_contact:
-        return mode
-    closed = gap <= gap_tolerance(mode.length)
-    selection = gauss_selection(scene, geometry, t, q, v, closed, closeness(q.dtype) * mode.speed)
-    return _with_selection(mode, selection, gap)
+    gap, rate = gap_and_rate(scene, t, q, v)
+    gap_acceleration = _gap_acceleration(scene, geometry, t, q, v, mode)
+    mode = _wider_scales(mode, geometry, q, v, atol)
+    tolerance = gap_tolerance(mode.length)
+    start = event < 0
+    fired = jnp.arange(gap.shape[0]) == event
+    is_release = jnp.any(fired & mode.active)
+    touching = _touching(geometry, event, gap, tolerance + time_resolution(t, 2) * jnp.abs(rate))
+    held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
+    closed = jnp.where(is_release, held & ~fired, held | fired | touching)
+    closed = jnp.where(start, gap <= tolerance, closed)
+    struck = closed & ~is_release & ~start
+    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)
+    fastest = jnp.where(struck, jnp.maximum(mode.fastest, -rate), mode.fastest)
+    meeting = Meeting(geometry, gap, rate, gap_acceleration, fired, closed, struck, unseen)
+    return meeting, dataclasses.replace(mode, fastest=fastest)
+
+
+def _bounce(scene: AbstractScene, meeting: Meeting, event, t, q, v, mode: ContactMode, grazing, status) -> Decision:
+    """The impact of a scene whose contacts never stay closed; one that does is told by its status."""
+    geometry, rate, struck = meeting.geometry, meeting.rate, meeting.struck
+    e, nobody = scene.restitution(), jnp.zeros_like(struck)
+    support = impulse_support(geometry, rate, e, struck, mode.speed)
+    v_after = v + geometry.mobility @ transition_impulse(geometry, rate, e, support, nobody)
+    hop = _hop(scene, t, q, v_after, meeting.gap_acceleration, struck)
+    stays = struck & (jnp.maximum(-e * rate, 0) <= meeting.unseen) & (meeting.gap_acceleration < 0) & meeting.fired
+    status = Status.where(jnp.any(stays), Status.contact_stays_closed, status)
+    detail = ImpactDetail(meeting.fired, support, nobody, nobody)
+    return Decision(mode, jnp.asarray(EventKind.IMPACT), detail, grazing, status, hop)
+
+
+def _apply_laws(scene: AbstractScene, capture_speed: float, meeting: Meeting, t, q, v, mode: ContactMode) -> Outcome:
+    """The law of impact (T3) and Gauss's principle (T2), with rebounds that are too slow to matter cut.
+
+    A rebound that is slow (or not to be seen above the rounding of the gap) is plastic, but only where the contact is
+    pressed: a grazing contact leaves slowly too, and has to keep its rebound. So the law is applied with every slow
+    contact plastic (turn 0), then with those of them that were held (turn 1). An impact also kicks neighbours off,
+    which fall back and kick in their turn: where contacts leave too slowly to matter and Gauss's principle holds all
+    of them together (turn 2), their rates are made 0 (turn 3). One loop, so that the laws are compiled once.
+    """
+    geometry, rate, struck = meeting.geometry, meeting.rate, meeting.struck
+    e = scene.restitution()
+    nobody = jnp.zeros_like(struck)
+    cut = capture_speed * mode.fastest
+    slow = struck & (e * jnp.abs(rate) <= jnp.maximum(cut, meeting.unseen))
+    still = closeness(q.dtype) * mode.speed
+    alone = struck.shape[0] == 1  # one contact has no neighbour to settle with
+
+    def turn(k, last: Outcome) -> Outcome:
+        restitution = jnp.where(last.plastic, 0, e)
+        support = impulse_support(geometry, rate, restitution, struck, mode.speed)
+        v_after = v + geometry.mobility @ transition_impulse(geometry, rate, restitution, support, last.settled)
+        together = (k == 2) & (not alone)
+        who, limit = meeting.closed, still
+        if not alone:
+            slow_to_leave = _slow_leave(scene, meeting, t, q, v_after, mode, last.selection.active, cut)
+            who, limit = jnp.where(together, struck, who), jnp.where(together, jnp.maximum(still, slow_to_leave), still)
+        selection = gauss_selection(scene, geometry, t, q, v_after, who, limit)
+        plastic = jnp.where(k == 0, slow & selection.active, last.plastic)
+        more = jnp.any(selection.active & ~last.selection.active)
+        settled = jnp.where(together, selection.active & more, last.settled)
+        return Outcome(plastic, support, settled, v_after, selection)
+
+    start = Outcome(slow, nobody, nobody, v, Selection(nobody, nobody))
+    return lax.fori_loop(0, 2 if alone else 4, turn, start)
+
+
+def _slow_leave(scene: AbstractScene, meeting: Meeting, t, q, v, mode: ContactMode, active, slow):
+    """Rates up to which a contact leaves too slowly to matter; `active` are held when it falls back."""
+    falls = _gap_acceleration(scene, meeting.geometry, t, q, v, dataclasses.replace(mode, active=active))
+    return jnp.maximum(slow, jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(falls) * mode.length))
 
 
 def _gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v, mode: ContactMode):
-    """Phi'' = G^T v' + gamma, as the motion was before the event."""
+    """Phi'' = G^T v' + gamma in a mode."""
     _, bias = gap_rate_and_bias(scene, t, q, v)
     return geometry.jacobian @ acceleration(scene, t, q, v, mode.active) + bias
 
@@ -149,9 +198,15 @@ def _touching(geometry: ContactGeometry, event, gap, tolerance):
     return coupled & (gap <= tolerance)
 
 
-def _wider_scales(mode: ContactMode, geometry: ContactGeometry, q, v) -> ContactMode:
+def _wider_scales(mode: ContactMode, geometry: ContactGeometry, q, v, atol) -> ContactMode:
+    """Sizes of gaps and rates, at least what `atol`, the caller's word for a size that does not matter, says: it
+    gives a scale to a scene that rests at the origin."""
     size = jnp.abs(geometry.jacobian)
-    length, speed = jnp.maximum(mode.length, size @ jnp.abs(q)), jnp.maximum(mode.speed, size @ jnp.abs(v))
+    floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
+    length, speed = (
+        jnp.maximum(jnp.maximum(known, floor), size @ jnp.abs(of))
+        for known, of in ((mode.length, q), (mode.speed, v))
+    )
     return dataclasses.replace(mode, length=length, speed=speed)
 
 

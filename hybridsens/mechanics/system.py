@@ -1,20 +1,30 @@
 """A scene as a hybrid system: the only face of the mechanics that the solvers see."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float
 
 from ..hybrid import AbstractHybridSystem, Decision
 from .contact import contact_geometry, gap_and_rate
 from .flow import acceleration, multipliers, multipliers_and_rates, project_to_contacts
-from .laws import impact_impulse, settling_impulse
+from .laws import transition_impulse
 from .mode import ContactMode
 from .resets import ImpactDetail, decide_transition
 from .scene import AbstractScene
+
+
+class ImpactReport(NamedTuple):
+    """What is reported of an event."""
+
+    impulse: Float[Array, "contact"]
+    """Impulses P of all contacts [N s]."""
+    closing_speed: Float[Array, ""]
+    """-Phi' of the contact that was met, just before; 0 at a release [m/s]."""
 
 
 class MechanicalSystem(AbstractHybridSystem):
@@ -82,18 +92,21 @@ class MechanicalSystem(AbstractHybridSystem):
         q, v, _ = self.split(x)
         return decide_transition(self.scene, self.capture_speed, self.depth, event, t, q, v, mode)
 
+    def choose(self, event, t, x, mode: ContactMode) -> Decision:
+        """The contacts that the initial state holds closed are chosen by the same laws (T2), without an impact."""
+        return self.decide(event, t, x, mode)
+
     def reset(self, decision: Decision, t, x):
-        """v+ = v- + M^-1 G P, q and z unchanged (1.7), (T3); emits the impulses P (contact,) [N s]."""
+        """v+ = v- + M^-1 G P, q and z unchanged (1.7), (T3); emits the impulses and the closing speed."""
         q, v, _ = self.split(x)
         detail: ImpactDetail = decision.detail
         geometry = contact_geometry(self.scene, t, q)
         _, rate = gap_and_rate(self.scene, t, q, v)
         restitution = jnp.where(detail.plastic, 0, self.scene.restitution())
-        impulse = impact_impulse(geometry, rate, restitution, detail.support)
-        if rate.shape[0] > 1:  # one contact has no neighbour to settle with
-            rate = rate + geometry.delassus_matrix @ impulse
-            impulse = impulse + settling_impulse(geometry, rate, detail.settled)
-        return x.at[self.dof : 2 * self.dof].add(geometry.mobility @ impulse), impulse
+        impulse = transition_impulse(geometry, rate, restitution, detail.support, detail.settled)
+        closing_speed = jnp.sum(jnp.where(detail.fired, -rate, 0))
+        after = x.at[self.dof : 2 * self.dof].add(geometry.mobility @ impulse)
+        return after, ImpactReport(impulse, closing_speed)
 
     def project(self, t, x, mode: ContactMode):
         """Held contacts back to Phi = 0 and Phi' = 0."""

@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..adjoint.methods import ForwardSensitivities, Replay
-from ..forward.status import Status
 from ..mechanics.flow import free_acceleration
 from ..mechanics.mode import EventKind
 from ..mechanics.resets import initial_mode
 from ..mechanics.scene import State
 from ..simulate import simulate
+from ..status import Status
 from ..trajectory import Events
 from .flat_parameters import flatten_parameters
 from .scaled_differences import scaled_differences
@@ -67,8 +67,9 @@ def check_events(number: int, call: Any, tolerance: float, settings: dict[str, A
     x = jnp.concatenate([call.state.q, call.state.v])
     checks = []
     for group, t0, t1 in list(zip(groups, times[:-1], times[1:], strict=True))[:MOST]:
-        piece: Piece = run.move(jnp.concatenate([x, scene_vector]), t0, t1)
-        checks.append(_check(number, call, group, run, x, scene_vector, names, piece, (t0, t1), tolerance))
+        ends = jnp.asarray(t0, x.dtype), jnp.asarray(t1, x.dtype)  # as arrays, so that all pieces share one program
+        piece: Piece = run.move(jnp.concatenate([x, scene_vector]), *ends)
+        checks.append(_check(number, call, group, run, x, scene_vector, names, piece, ends, tolerance))
         x = piece.final
     return checks
 

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
-from ..forward.status import Status
 from ..mechanics.scene import AbstractScene, State
 from ..simulate import simulate
+from ..status import Status
 from ..trajectory import Events
 from .check_events import EventCheck, check_events
 from .check_report import format_check

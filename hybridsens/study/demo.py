@@ -11,9 +11,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Bool, Float
 
-from ..forward.status import Status
 from ..scenes import ShippedScene
 from ..simulate import simulate
+from ..status import Status
 from ..trajectory import Trajectory
 from .differences import differences
 from .naive import naive_motion

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..forward.status import Status
 from ..scenes import ShippedScene
+from ..status import Status
 from ..trajectory import SimulationError, Trajectory
 from .flat_parameters import FlatParameters
 

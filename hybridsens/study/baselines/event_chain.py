@@ -14,8 +14,6 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...mechanics.contact import gap_and_rate
-from ...mechanics.mode import EventKind
 from ...mechanics.resets import initial_mode
 from ...mechanics.scene import AbstractScene, State
 from ...mechanics.system import MechanicalSystem
@@ -93,16 +91,15 @@ def pass_event(system: MechanicalSystem, place: Place, happened) -> tuple[Place,
     t, x, mode = place
     contact = jnp.argmin(system.guards(t, x, mode))
     decision = lax.stop_gradient(system.decide(contact, t, x, mode))
-    after, impulse = system.reset(decision, t, x)
+    after, report = system.reset(decision, t, x)
     after = jnp.where(happened, after, x)
     before_q, before_v, _ = system.split(x)
     after_q, after_v, _ = system.split(after)
-    speed = -gap_and_rate(system.scene, t, before_q, before_v)[1][contact]
     row = dict(
         time=jnp.where(happened, t, jnp.inf), kind=jnp.where(happened, decision.kind, -1),
         contact=jnp.where(happened, contact, -1), before=State(before_q, before_v), after=State(after_q, after_v),
-        impulse=jnp.where(happened, impulse, 0),
-        closing_speed=jnp.where(happened & (decision.kind != EventKind.RELEASE), speed, 0),
+        impulse=jnp.where(happened, report.impulse, 0),
+        closing_speed=jnp.where(happened, report.closing_speed, 0),
     )  # fmt: skip
     next_mode = jax.tree.map(lambda new, old: jnp.where(happened, new, old), decision.mode, mode)
     return Place(t, after, next_mode), row

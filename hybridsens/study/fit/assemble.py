@@ -9,12 +9,13 @@ import numpy as np
 
 from ...simulate import simulate
 from .data import Measurements
-from .descend import Descent, event_sequence
+from .descend import Descent
 from .least_squares import linearise
 from .problem import Problem
 from .result import FitResult
 from .starts import Starts
 from .uncertainty import uncertainty
+from .watch import event_sequence
 
 
 def assemble(

@@ -1,25 +1,27 @@
 """The front door: a scene and measurements in, parameters with their uncertainty out."""
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import diffrax
 import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Array
 
 from ...mechanics.scene import AbstractScene, State
 from . import prepare
 from .assemble import assemble
-from .data import Measurements
-from .descend import ENDED_BY_HAND, Descent, GuessFailed, Iteration, descend
+from .checkpoint import Checkpoint
+from .descend import ENDED_BY_HAND, Descent, GuessFailed, Room, descend
 from .horizon import GrowingHorizon
-from .optimizers import Method, method
-from .parameters import Bounds, select
+from .optimizers import FAR, NEAR, Method, method
+from .parameters import Bounds
 from .problem import Numerics, Problem
 from .result import FitResult
 from .shooting import MultipleShooting
 from .starts import Starts, descend_from_all, spread_starts
 from .tables import read_measurements
+from .watch import Audience, Iteration
 
 
 def fit(
@@ -44,6 +46,7 @@ def fit(
     progress: bool = False,
     callback: Callable[[Iteration], Any] | None = None,
     resume: FitResult | None = None,
+    checkpoint: str | Path | None = None,
     solver: diffrax.AbstractSolver | None = None,
     rtol: float = 1e-8,
     atol: float = 1e-8,
@@ -80,58 +83,54 @@ def fit(
     - `progress`, `callback`: print a line for every iteration; call `callback(iteration)`, which stops by returning
       True.
     - `resume`: an earlier result of the same fit to go on from. Interrupting (Ctrl-C) returns the best point so far.
+    - `checkpoint`: a file that keeps the best values at any time. If it is there already, the fit goes on from them
+      instead of the scene's; the optimizer's own memory starts anew.
     - `solver`, `rtol`, `atol`, `max_events`, `max_steps`: as in `simulate`.
 
     Raises: ValueError for measurements, names, bounds or priors that do not fit; for a guess whose motion fails.
     """
+    _check(max_iterations, patience, robust)
+    measured = read_measurements(data)
+    numerics = Numerics(rtol, atol, max_events, max_steps, solver)
+    problem = prepare.problem(
+        scene, measured, numerics, parameters=parameters, observe=observe, state=state, bounds=bounds, priors=priors,
+        robust=robust, t0=t0, t1=t1,
+    )  # fmt: skip
+    keeper = None if checkpoint is None else Checkpoint(Path(checkpoint), problem.selection)
+    guess = problem.selection.from_values(problem.selection.values(problem.scene))
+    z, further = _beginning(problem, guess, resume, keeper)
+    how, audience, several = method(optimizer), Audience(_callback(progress, callback), keeper), None
+    if starts > 1 and not further:
+        several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), strategy, max_iterations)
+        strategy = None if isinstance(strategy, GrowingHorizon) else strategy
+    stages, z = ([], z) if strategy is None else strategy.run(how, problem, z, audience)
+    room = Room(max_iterations, patience)
+    last = _full(how, problem, z, room, stages, audience, None if resume is None else resume.carry)
+    return assemble(problem, measured, guess, [*stages, last], several)
+
+
+def _check(max_iterations: int, patience: int, robust: float | None) -> None:
     if max_iterations < 1 or patience < 1:
         raise ValueError(f"`max_iterations` and `patience` must be >= 1, but are {max_iterations} and {patience}.")
     if robust is not None and not robust > 0:
         raise ValueError(f"`robust` must be positive or None, but is {robust}.")
-    measured = read_measurements(data)
-    numerics = Numerics(rtol, atol, max_events, max_steps, solver)
-    problem = _problem(scene, measured, parameters, observe, state, bounds, priors, robust, t0, t1, numerics)
-    how = method(optimizer)
-    guess = problem.selection.from_values(problem.selection.values(problem.scene))
-    z = guess if resume is None else problem.selection.from_values(_resumed(resume, problem))
-    several = None
-    if starts > 1:
-        several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), strategy, max_iterations)
-        strategy = None if isinstance(strategy, GrowingHorizon) else strategy
-    told = _callback(progress, callback)
-    stages, z = _through_stages(how, problem, z, strategy, told)
-    carry = None if resume is None else resume.carry
-    cut_short = stages[-1].stopped if stages and stages[-1].stopped in ENDED_BY_HAND else ""
-    room = 0 if cut_short else max_iterations
-    last = descend(how, problem, z, max_iterations=room, patience=patience, callback=told, carry=carry)
-    last = last._replace(stopped=cut_short or last.stopped)
-    return assemble(problem, measured, guess, [*stages, last], several)
 
 
-def _problem(
-    scene, measured: Measurements, parameters, observe, state, bounds, priors, robust, t0, t1, numerics
-) -> Problem:
-    scene = prepare.concrete(scene)
-    initial_state = prepare.initial_state(scene, state)
-    selection = select(scene, parameters, bounds)
-    end = prepare.horizon(measured, t0, t1)
-    observer = prepare.observer(observe, scene, initial_state(scene), measured.names)
-    return Problem(
-        scene, selection, initial_state, observer, prepare.observations(measured), prepare.prior(selection, priors),
-        jnp.asarray(float(t0)), jnp.asarray(end), jnp.asarray(prepare.sigma_unit(measured)),
-        jnp.asarray(jnp.inf if robust is None else float(robust)), numerics,
-    )  # fmt: skip
-
-
-def _resumed(resume: FitResult, problem: Problem) -> np.ndarray:
+def _beginning(problem: Problem, guess, resume: FitResult | None, keeper: Checkpoint | None) -> tuple[Array, bool]:
+    """Where to begin: at an earlier result, at a checkpoint, or at the guess; and whether it is one of the former."""
+    kept = None if keeper is None else keeper.read()
+    if kept is not None:
+        return problem.selection.from_values(kept), True
+    if resume is None:
+        return guess, False
     if resume.labels != problem.selection.labels:
         raise ValueError(
             f"`resume` must be a fit of the same parameters {problem.selection.labels}, but is of {resume.labels}."
         )
-    return resume.values
+    return problem.selection.from_values(resume.values), True
 
 
-def _from_many(how: Method, problem: Problem, zs, strategy, max_iterations: int) -> tuple[Starts, Any]:
+def _from_many(how: Method, problem: Problem, zs, strategy, max_iterations: int) -> tuple[Starts, Array]:
     growth = strategy if isinstance(strategy, GrowingHorizon) else None
     several = descend_from_all(how, problem, zs, growth, max_iterations)
     if not bool(jnp.any(jnp.isfinite(several.loss))):
@@ -141,25 +140,12 @@ def _from_many(how: Method, problem: Problem, zs, strategy, max_iterations: int)
     return several, several.z[jnp.argmin(several.loss)]
 
 
-def _through_stages(how: Method, problem: Problem, z, strategy, told) -> tuple[list[Descent], Any]:
-    """Every stage of a horizon strategy; one whose start fails is left out."""
-    if strategy is None:
-        return [], z
-    if isinstance(strategy, MultipleShooting):
-        return strategy.run(how, problem, z, told)
-    done: list[Descent] = []
-    for name, stage in strategy.stages(problem, z):
-        at = done[-1].z if done else z
-        try:
-            done.append(descend(how, stage, at, max_iterations=strategy.iterations, patience=strategy.iterations,
-            stage=name,
-                                callback=told))  # fmt: skip
-        except GuessFailed:
-            done = done[:-1]
-            continue
-        if done[-1].stopped in ENDED_BY_HAND:
-            break
-    return done, (done[-1].z if done else z)
+def _full(how: Method, problem: Problem, z, room: Room, stages: list[Descent], audience: Audience, carry) -> Descent:
+    """The run on the whole record; if a stage before it was ended by hand, only what it needs to report."""
+    by_hand = stages[-1].stopped if stages and stages[-1].stopped in ENDED_BY_HAND else ""
+    room = room._replace(iterations=0) if by_hand else room
+    last = descend(how, problem, z, room, audience=audience, damping=NEAR if stages else FAR, carry=carry)
+    return last._replace(stopped=by_hand or last.stopped)
 
 
 def _callback(progress: bool, callback: Callable[[Iteration], Any] | None) -> Callable[[Iteration], Any] | None:

@@ -4,41 +4,99 @@ Over a long horizon the loss has many local minima: a guess whose phase is half 
 one. A short horizon has few, but leaves some parameters undetermined, so these stages hold z near the guess.
 """
 
-from collections.abc import Iterator
-
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
+from ...adjoint.methods import Replay
+from .descend import ENDED_BY_HAND, Descent, GuessFailed, Room, descend
+from .optimizers import Method
 from .problem import Problem
+from .watch import Audience
 
 
 class GrowingHorizon(eqx.Module):
-    """Fit the beginning first, then longer and longer parts; each stage starts where the one before ended.
+    """Fit the beginning first; after every step the horizon reaches as far as the motion follows the record.
 
-    Use it when the guess loses the phase within the horizon. Stages with about one more impact each serve well.
+    Use it when the guess loses the phase within the horizon. No stage is polished: with Levenberg-Marquardt one
+    accepted step each is enough. Gradient descents (Adam, L-BFGS) want more `steps`.
     """
 
-    fractions: tuple[float, ...] = eqx.field(static=True, default=(0.15, 0.3, 0.45, 0.6, 0.8))
-    """Parts of the horizon, increasing; the full problem follows them."""
-    iterations: int = eqx.field(static=True, default=10)
-    """At most so many in each stage: none has to converge."""
+    first: float = eqx.field(static=True, default=0.2)
+    """Part of the horizon to begin with."""
+    growth: float = eqx.field(static=True, default=1.1)
+    """Factor by which the horizon grows at least."""
+    trust: float = eqx.field(static=True, default=1.0)
+    """The motion follows the record while it is no farther from it than this many standard deviations of the record."""
+    steps: int = eqx.field(static=True, default=1)
+    """Accepted steps at each horizon."""
     anchor_weight: float = eqx.field(static=True, default=20.0)
     """How firmly stages hold z near the guess, in residuals (sigmas) per unit of z (a factor e of a positive
     parameter)."""
 
     def __check_init__(self):
-        steps = (0.0, *self.fractions, 1.0)
-        if not self.fractions or any(b <= a for a, b in zip(steps, steps[1:], strict=False)):
-            raise ValueError(f"`fractions` must increase strictly inside (0, 1), but are {self.fractions}.")
+        if not 0 < self.first < 1 or not self.growth > 1 or not self.trust > 0 or self.steps < 1:
+            raise ValueError(
+                "`first` must lie inside (0, 1), `growth` above 1, `trust` above 0 and `steps` at 1 or more, but they "
+                f"are {self.first}, {self.growth}, {self.trust} and {self.steps}."
+            )
 
-    def stages(self, problem: Problem, z) -> Iterator[tuple[str, Problem]]:
-        """Name and problem of every stage before the full one; all have one structure, so they compile once."""
-        for fraction in self.fractions:
-            yield f"horizon {fraction:g}", self.stage(problem, z, fraction)
+    def run(self, how: Method, problem: Problem, z, audience: Audience) -> tuple[list[Descent], Array]:
+        """All stages, and the unknowns to go on with. A stage whose first motion fails is left out."""
+        done, at, end = [], z, self.begin(problem, z)
+        while end < problem.horizon:
+            name, stage = f"horizon {float(end):.3g}", self.stage(problem, z, end)
+            try:
+                done.append(descend(how, stage, at, Room(self.trials, self.trials, self.steps), stage=name,
+                                    audience=audience))  # fmt: skip
+            except GuessFailed:
+                pass
+            else:
+                at = done[-1].z
+                if done[-1].stopped in ENDED_BY_HAND:
+                    break
+            end = self.next(problem, at, end)
+        return done, at
 
-    def stage(self, problem: Problem, z, fraction) -> Problem:
-        """The problem on a part of the horizon, held near z."""
-        horizon = problem.t0 + fraction * (problem.horizon - problem.t0)
-        weight = jnp.asarray(self.anchor_weight, z.dtype) * problem.sigma_unit
+    @property
+    def trials(self) -> int:
+        """Room for trial points at one horizon, most of them rejected if it is used up."""
+        return self.steps + 8
+
+    def begin(self, problem: Problem, z) -> Float[Array, ""]:
+        """Where the first stage ends [s]."""
+        return self.reach(problem, z, problem.t0 + self.first * (problem.horizon - problem.t0))
+
+    def next(self, problem: Problem, z, end) -> Float[Array, ""]:
+        """Where the stage after one that ended at time `end` and at the unknowns z ends [s]."""
+        return self.reach(problem, z, problem.t0 + self.growth * (end - problem.t0))
+
+    @eqx.filter_jit
+    def reach(self, problem: Problem, z, least) -> Float[Array, ""]:
+        """Time until which the motion at z follows the record, `least` at the least, the full horizon at most.
+
+        It is lost at two samples in a row that are too far off: one alone may be an outlier.
+        """
+        times = problem.data.times
+        if times.size < 2:
+            return jnp.minimum(least, problem.horizon)
+        lost = self._lost(problem, z)
+        twice = lost[:-1] & lost[1:]
+        last = jnp.where(jnp.any(twice), times[jnp.argmax(twice) - 1], problem.horizon)
+        last = jnp.where(twice[0], problem.t0, last)
+        return jnp.minimum(jnp.maximum(last, least), problem.horizon)
+
+    def _lost(self, problem: Problem, z) -> Bool[Array, "sample"]:
+        seen, data = problem.observations(z, Replay()), problem.data
+        known = data.weights > 0
+        count = jnp.sum(known, axis=0)
+        mean = jnp.sum(known * data.values, axis=0) / count
+        spread = jnp.sqrt(jnp.sum(known * (data.values - mean) ** 2, axis=0) / count)
+        follows = jnp.abs(seen - data.values) <= self.trust * spread  # False for NaN, where a motion has failed
+        return jnp.any(known & ~follows, axis=1)
+
+    def stage(self, problem: Problem, anchor, end) -> Problem:
+        """The problem up to the time `end`, held near z = `anchor`; all stages have one structure and compile once."""
+        weight = jnp.asarray(self.anchor_weight, anchor.dtype) * problem.sigma_unit
         where = lambda p: (p.horizon, p.prior.anchor, p.prior.anchor_weight)
-        return eqx.tree_at(where, problem, (horizon, z, weight))
+        return eqx.tree_at(where, problem, (jnp.asarray(end, anchor.dtype), anchor, weight))

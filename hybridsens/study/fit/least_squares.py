@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ...adjoint.methods import ForwardSensitivities
 from .outcome import Outcome
@@ -15,8 +15,30 @@ from .problem import Trial
 
 _TAGS: frozenset[object] = frozenset()
 _OPTIONS = {"jac": "bwd"}  # the Jacobian comes as an array; "fwd" would keep a program, compiled anew for each fit
-_SMALL_OFFSET = 1e-4
+_SMALL_OFFSET = 1e-3
 _PATIENCE = 8
+
+
+class _DampingState(eqx.Module):
+    step_size: Float[Array, ""]
+    """1 / damping."""
+    rejected: Bool[Array, ""]
+    """Whether the last trial point was rejected."""
+
+
+class _CautiousTrustRegion(optimistix.ClassicalTrustRegion):
+    """Lowers the damping after a good step, but not after the first one that follows a rejection.
+
+    In a curved valley, damping that falls after every good step makes every other step a rejected one.
+    """
+
+    def init(self, y, f_info_struct) -> _DampingState:
+        return _DampingState(super().init(y, f_info_struct).step_size, jnp.array(False))
+
+    def step(self, first_step, y, y_eval, f_info, f_eval_info, state: Any):
+        size, accept, result, _ = super().step(first_step, y, y_eval, f_info, f_eval_info, state)
+        size = jnp.where(accept & state.rejected, jnp.minimum(size, state.step_size), size)
+        return size, accept, result, _DampingState(size, ~accept)
 
 
 class LevenbergMarquardt(optimistix.AbstractGaussNewton):
@@ -30,15 +52,13 @@ class LevenbergMarquardt(optimistix.AbstractGaussNewton):
     atol: float
     norm: Callable[..., Any]
     descent: optimistix.DampedNewtonDescent
-    search: optimistix.ClassicalTrustRegion
+    search: _CautiousTrustRegion
     verbose: Callable[..., None]
 
     def __init__(self, rtol: float = 1e-6, atol: float = 1e-6):
         self.rtol, self.atol, self.norm = rtol, atol, optimistix.max_norm
         self.descent = optimistix.DampedNewtonDescent()
-        self.search = optimistix.ClassicalTrustRegion(
-            high_cutoff=0.25, low_cutoff=0.01, high_constant=10.0, low_constant=0.2
-        )
+        self.search = _CautiousTrustRegion(high_cutoff=0.25, low_cutoff=0.01, high_constant=10.0, low_constant=0.2)
         self.verbose = _silent
 
 
@@ -83,12 +103,15 @@ def linearise(problem, z) -> tuple[Float[Array, "residual"], Float[Array, "resid
     return r, jacobian, trial._replace(failed=trial.failed | ~jnp.all(jnp.isfinite(jacobian)))
 
 
-def start(solver: optimistix.AbstractGaussNewton, problem, z, damping: float = 1e-3) -> tuple[Carry, Outcome]:
+def start(solver: optimistix.AbstractGaussNewton, problem, z, damping: float) -> tuple[Carry, Outcome]:
     """A solver that knows value and Jacobian at z; `damping` is relative to the largest diagonal entry of J^T J."""
-    r, jacobian, trial = linearise(problem, z)
+    return _begin(solver, z, *linearise(problem, z), jnp.asarray(damping))
+
+
+@eqx.filter_jit
+def _begin(solver, z, r, jacobian, trial: Trial, damping) -> tuple[Carry, Outcome]:
     fn = _Linear(r, jacobian, z, trial)
-    r_shape, trial_shape = jax.eval_shape(lambda: (r, trial))
-    state = solver.init(fn, z, None, _OPTIONS, r_shape, trial_shape, _TAGS)
+    state = solver.init(fn, z, None, _OPTIONS, *jax.eval_shape(lambda: (r, trial)), _TAGS)
     if isinstance(solver.search, optimistix.ClassicalTrustRegion):
         largest = jnp.max(jnp.sum(jacobian**2, axis=0))
         size = 1 / (damping * jnp.where((largest > 0) & jnp.isfinite(largest), largest, 1))
@@ -98,18 +121,16 @@ def start(solver: optimistix.AbstractGaussNewton, problem, z, damping: float = 1
 
 def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry) -> tuple[Carry, Outcome]:
     """One iteration. A trial point that failed has large finite residuals, so that it is rejected."""
-    r, jacobian, trial = linearise(problem, carry.state.y_eval)
-    return _advance(solver, carry, _guarded(carry, r, jacobian, trial))
+    return _go_on(solver, carry, *linearise(problem, carry.state.y_eval))
 
 
 @eqx.filter_jit
-def _guarded(carry: Carry, r, jacobian, trial: Trial) -> "_Linear":
+def _go_on(solver, carry: Carry, r, jacobian, trial: Trial) -> tuple[Carry, Outcome]:
     penalty = 10 * (1 + jnp.max(jnp.abs(carry.state.f_info.residual)))
     r, jacobian = jnp.where(trial.failed, penalty, r), jnp.where(trial.failed, 0, jacobian)
-    return _Linear(r, jacobian, carry.state.y_eval, trial)
+    return _advance(solver, carry, _Linear(r, jacobian, carry.state.y_eval, trial))
 
 
-@eqx.filter_jit
 def _advance(solver, carry: Carry, fn: "_Linear") -> tuple[Carry, Outcome]:
     z, new, _ = solver.step(fn, carry.z, None, _OPTIONS, carry.state, _TAGS)
     accepted = new.num_accepted_steps > carry.state.num_accepted_steps
@@ -127,7 +148,7 @@ def _advance(solver, carry: Carry, fn: "_Linear") -> tuple[Carry, Outcome]:
 def relative_offset(r: Float[Array, "residual"], jacobian: Float[Array, "residual unknown"]) -> Float[Array, ""]:
     """Bates and Watts' measure of convergence: |r in the tangent plane| / |r across it|, per degree of freedom.
 
-    Below 1e-3 the distance to the minimum is a small part of the statistical uncertainty. Residuals that vanish
+    At 1e-3 the distance to the minimum is about a thousandth of the statistical uncertainty. Residuals that vanish
     altogether make it useless, so it is not the only test.
     """
     n, p = jacobian.shape

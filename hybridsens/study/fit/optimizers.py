@@ -10,6 +10,9 @@ import optimistix
 from . import gradient_descent, least_squares
 from .outcome import Outcome
 
+FAR, NEAR = 1e-3, 1e-5
+"""First damping of Levenberg-Marquardt: at a guess, and at a point that stages of a strategy have led to."""
+
 
 class Method(eqx.Module):
     """An optimizer with its settings, ready to be compiled."""
@@ -17,16 +20,20 @@ class Method(eqx.Module):
     optimizer: Any
 
     @property
-    def _steps(self) -> Any:
-        return least_squares if isinstance(self.optimizer, optimistix.AbstractGaussNewton) else gradient_descent
+    def least_squares(self) -> bool:
+        """Whether it uses residuals and their Jacobian; otherwise the gradient of the loss."""
+        return isinstance(self.optimizer, optimistix.AbstractGaussNewton)
 
-    def start(self, problem, z) -> tuple[Any, Outcome]:
-        """Value and derivative at z, and the optimizer's first state."""
-        return self._steps.start(self.optimizer, problem, z)
+    def start(self, problem, z, damping: float = FAR) -> tuple[Any, Outcome]:
+        """Value and derivative at z, and the optimizer's first state; `damping` serves Levenberg-Marquardt alone."""
+        if self.least_squares:
+            return least_squares.start(self.optimizer, problem, z, damping)
+        return gradient_descent.start(self.optimizer, problem, z)
 
     def step(self, problem, carry) -> tuple[Any, Outcome]:
         """One iteration, compiled once for all problems of one structure."""
-        return self._steps.step(self.optimizer, problem, carry)
+        steps = least_squares if self.least_squares else gradient_descent
+        return steps.step(self.optimizer, problem, carry)
 
 
 @functools.cache

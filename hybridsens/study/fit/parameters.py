@@ -3,7 +3,9 @@
 An unknown z in R stands for each fitted value p:
 
     free       p = scale z              above lo     p = lo + scale exp(z)
-    below hi   p = hi - scale exp(z)    in (lo, hi)  p = lo + (hi - lo) / (1 + exp(-z))
+    below hi   p = hi - scale exp(z)    in (lo, hi)  p = (lo + hi) / 2 + (hi - lo) / 2 sin(z)
+
+The sine stays steep near its ends; a logistic curve flattens there, and a guess near a bound then takes many steps.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,16 +58,16 @@ class Selection(eqx.Module):
         lower, upper = jnp.where(below, self.lower, 0), jnp.where(above, self.upper, 0)
         growing = self.scale * jnp.exp(jnp.where(below ^ above, z, 0))
         one_sided = jnp.where(below, lower + growing, upper - growing)
-        both = lower + (upper - lower) * jax.nn.sigmoid(z)
+        both = (lower + upper) / 2 + (upper - lower) / 2 * jnp.sin(z)
         return jnp.where(below & above, both, jnp.where(below | above, one_sided, self.scale * z))
 
     def from_values(self, values: Float[Array | np.ndarray, "parameter"]) -> Float[Array, "parameter"]:
-        """z(p), for values strictly inside their bounds."""
+        """z(p), for values strictly inside their bounds; of the many z of a sine the one in (-pi/2, pi/2)."""
         below, above = np.isfinite(self.lower), np.isfinite(self.upper)
         p, lower, upper = np.asarray(values), self.lower, self.upper
         with np.errstate(all="ignore"):  # every branch is computed, one of them is meant
             one_sided = np.log(np.where(below, p - lower, upper - p) / self.scale)
-            both = np.log((p - lower) / (upper - p))
+            both = np.arcsin((2 * p - lower - upper) / (upper - lower))
         return jnp.asarray(np.where(below & above, both, np.where(below | above, one_sided, p / self.scale)))
 
 

@@ -11,10 +11,31 @@ import numpy as np
 
 from ...mechanics.scene import State
 from .data import Measurements
-from .parameters import Selection
-from .problem import Observations, Prior
+from .parameters import Bounds, Selection, select
+from .problem import Numerics, Observations, Prior, Problem
 
 _STATE_NAME = re.compile(r"([qv])[_\[]?(\d*)\]?")
+
+
+def problem(
+    scene, data: Measurements, numerics: Numerics, *, parameters: Sequence[str] | None = None,
+    observe: Callable[..., Any] | None = None, state: State | Callable[..., State] | None = None,
+    bounds: Bounds | None = None, priors: Mapping[str, Any] | None = None, robust: float | None = None,
+    t0: float = 0.0, t1: float | None = None,
+) -> Problem:  # fmt: skip
+    """The least-squares problem of a fit; the arguments are those of `fit`.
+
+    Raises: ValueError or TypeError for what does not fit together.
+    """
+    scene = concrete(scene)
+    begin = initial_state(scene, state)
+    selection = select(scene, parameters, bounds)
+    end = horizon(data, t0, t1)
+    return Problem(
+        scene, selection, begin, observer(observe, scene, begin(scene), data.names), observations(data),
+        prior(selection, priors), jnp.asarray(float(t0)), jnp.asarray(end), jnp.asarray(sigma_unit(data)),
+        jnp.asarray(jnp.inf if robust is None else float(robust)), numerics,
+    )  # fmt: skip
 
 
 def state_observer(names: Sequence[str], dof: int) -> Callable[..., Any]:

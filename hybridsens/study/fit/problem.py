@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ...adjoint.methods import AbstractGradientMethod
-from ...forward.status import Status
 from ...mechanics.mode import EventKind
 from ...simulate import simulate
+from ...status import Status
 from ...trajectory import Events
 from .parameters import Selection
 
@@ -95,7 +95,8 @@ class Problem(eqx.Module):
         """Residuals in sigmas, (sample x observation + event + 2 parameter,), and what happened."""
         scene = self.scene_at(z)
         trajectory = self._simulate(scene, adjoint)
-        seen = self._observed(scene, trajectory) * (self.data.times <= self.horizon)[:, None]
+        seen = (self._observed(scene, trajectory) - self.data.values) * self.data.weights
+        seen = seen * (self.data.times <= self.horizon)[:, None]
         parts = [self._limited(jnp.ravel(seen)), self._limited(self._event_residuals(trajectory.events))]
         parts += [(self.selection.to_values(z) - self.prior.mean) * self.prior.weight]
         r = jnp.concatenate([*parts, (z - self.prior.anchor) * self.prior.anchor_weight])
@@ -111,13 +112,18 @@ class Problem(eqx.Module):
             max_steps=numerics.max_steps, adjoint=adjoint, throw=False,
         )  # fmt: skip
 
+    def observations(
+        self, z: Float[Array, "parameter"], adjoint: AbstractGradientMethod
+    ) -> Float[Array, "sample observation"]:
+        """What would be measured at the data's times."""
+        scene = self.scene_at(z)
+        return self._observed(scene, self._simulate(scene, adjoint))
+
     def _observed(self, scene, trajectory):
         if self.data.times.size == 0:
             return self.data.values
-        seen = eqx.filter_vmap(self.observe, in_axes=(None, 0, 0, 0))(
-            scene, self.data.times, trajectory.q, trajectory.v
-        )
-        return (seen - self.data.values) * self.data.weights
+        observe = eqx.filter_vmap(self.observe, in_axes=(None, 0, 0, 0))
+        return observe(scene, self.data.times, trajectory.q, trajectory.v)
 
     def _event_residuals(self, events: Events):
         """Times of matching impacts; a motion with fewer impacts than were measured has the missing ones at the end."""

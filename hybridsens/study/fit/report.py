@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .descend import Sequence
+from .watch import Sequence
 
 if TYPE_CHECKING:
     from .result import FitResult

@@ -7,9 +7,9 @@ import numpy as np
 
 from ...trajectory import Trajectory
 from .data import Measurements
-from .descend import Iteration, Sequence
 from .starts import Starts
 from .uncertainty import Uncertainty, half_width, weak_directions
+from .watch import Iteration, Sequence
 
 
 class FitResult(eqx.Module):

@@ -1,9 +1,6 @@
 """Multiple shooting: the horizon is cut into windows, each with a free initial state, and penalties tie them
 together."""
 
-from collections.abc import Callable
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,13 +9,14 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from ...adjoint.methods import AbstractGradientMethod
-from ...forward.status import Status
 from ...mechanics.scene import State
 from ...simulate import simulate
-from .descend import Descent, Iteration, descend
+from ...status import Status
+from .descend import ENDED_BY_HAND, Descent, Room, descend
 from .optimizers import Method
 from .prepare import StateObserver
 from .problem import Problem, Trial
+from .watch import Audience
 
 
 class MultipleShooting(eqx.Module):
@@ -43,17 +41,17 @@ class MultipleShooting(eqx.Module):
                 f"{self.windows} and {self.continuity}."
             )
 
-    def run(
-        self, how: Method, problem: Problem, z, callback: Callable[[Iteration], Any] | None
-    ) -> tuple[list[Descent], Any]:
-        """All stages; returns them and the parameters to go on with."""
+    def run(self, how: Method, problem: Problem, z, audience: Audience) -> tuple[list[Descent], Array]:
+        """All stages, and the parameters to go on with."""
         shooting, y = cut(problem, z, self.windows)
         done = []
         for weight in self.continuity:
             stage = eqx.tree_at(lambda s: s.weight, shooting, jnp.asarray(100 * weight, y.dtype) * problem.sigma_unit)
-            done.append(descend(how, stage, y, max_iterations=self.iterations, patience=self.iterations,
-                                stage=f"continuity {weight:g}", callback=callback))  # fmt: skip
+            done.append(descend(how, stage, y, Room(self.iterations, self.iterations), stage=f"continuity {weight:g}",
+                                audience=audience))  # fmt: skip
             y = done[-1].z
+            if done[-1].stopped in ENDED_BY_HAND:
+                break
         return done, y[: z.size]
 
 
@@ -146,11 +144,19 @@ def _states(problem: Problem, z, times: np.ndarray) -> np.ndarray:
     if isinstance(problem.observe, StateObserver):
         for column, pick in enumerate(problem.observe.picks):
             known = np.asarray(problem.data.weights)[:, column] > 0
-            values = np.interp(times, times[known], np.asarray(problem.data.values)[known, column])
-            states[:, pick] = values
+            measured = np.asarray(problem.data.values)[known, column]
+            position, slope = _smooth(times, times[known], measured)
+            states[:, pick] = position
             if pick < dof and pick + dof not in problem.observe.picks:
-                states[:, pick + dof] = np.gradient(values, times)
+                states[:, pick + dof] = slope
     return states
+
+
+def _smooth(at: np.ndarray, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values and slopes at these times, of a parabola through the seven measurements nearest to each."""
+    near = np.argsort(np.abs(times - at[:, None]), axis=1)[:, : min(7, times.size)]
+    fits = [np.polynomial.polynomial.polyfit(times[n] - t, values[n], min(2, n.size - 1)) for t, n in zip(at, near)]
+    return np.array([c[0] for c in fits]), np.array([c[1] if c.size > 1 else 0.0 for c in fits])
 
 
 def _outside(scene, t, q):

@@ -11,7 +11,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .horizon import GrowingHorizon
 from .optimizers import Method
-from .outcome import Outcome
 from .problem import Problem
 
 
@@ -59,32 +58,31 @@ def descend_from_all(
 
 
 def _grow(method: Method, problem: Problem, growth: GrowingHorizon, z):
-    def one_stage(at, fraction):
-        return _descend(method, growth.stage(problem, z, fraction), at, growth.iterations).z, None
+    def one_stage(loop):
+        at, end = loop
+        at = _descend(method, growth.stage(problem, z, end), at, growth.trials, growth.steps).z
+        return at, growth.next(problem, at, end)
 
-    return lax.scan(one_stage, z, jnp.asarray(growth.fractions))[0]
+    return lax.while_loop(lambda loop: loop[1] < problem.horizon, one_stage, (z, growth.begin(problem, z)))[0]
 
 
-def _descend(method: Method, problem: Problem, z, iterations: int) -> Starts:
+def _descend(method: Method, problem: Problem, z, iterations: int, accepted: float = jnp.inf) -> Starts:
     carry, outcome = method.start(problem, z)
     arrays, static = eqx.partition(carry, eqx.is_array)
     failed = outcome.trial.failed
 
     def go_on(loop):
-        _, count, done, _, _ = loop
-        return (count < iterations) & ~done & ~failed
+        _, count, taken, done, _, _ = loop
+        return (count < iterations) & (taken < accepted) & ~done & ~failed
 
     def body(loop):
-        arrays, count, _, best_z, best = loop
+        arrays, count, taken, _, best_z, best = loop
         carry, outcome = method.step(problem, eqx.combine(arrays, static))
         better = outcome.accepted & (outcome.loss < best)
         best_z, best = jnp.where(better, outcome.z, best_z), jnp.where(better, outcome.loss, best)
-        return eqx.filter(carry, eqx.is_array), count + 1, _done(outcome), best_z, best
+        done = outcome.converged | outcome.stalled
+        return eqx.filter(carry, eqx.is_array), count + 1, taken + outcome.accepted, done, best_z, best
 
-    begin = (arrays, jnp.array(0), jnp.array(False), z, outcome.loss)
-    _, count, done, z, loss = lax.while_loop(go_on, body, begin)
+    begin = (arrays, jnp.array(0), jnp.array(0), jnp.array(False), z, outcome.loss)
+    _, count, _, done, z, loss = lax.while_loop(go_on, body, begin)
     return Starts(z, jnp.where(failed, jnp.inf, loss), count, done)
-
-
-def _done(outcome: Outcome) -> Bool[Array, ""]:
-    return outcome.converged | outcome.stalled

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ...forward.status import Status
 from ...mechanics.mode import EventKind
+from ...status import Status
 from ...trajectory import Trajectory
 from .parameters import parameters, replace
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ...forward.status import Status
 from ...mechanics.mode import EventKind
+from ...status import Status
 from .designs import Design
 from .lane import NOT_COMPUTED, status_names
 from .parameters import parameters

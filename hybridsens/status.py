@@ -37,5 +37,5 @@ class Status(eqx.Enumeration):
     bad_horizon = "the end of the horizon must be later than its start, t1 > t0, and both must be finite."
     unsorted_times = "`ts` must be sorted in increasing order and lie within [t0, t1]."
     bad_restitution = "every coefficient of restitution must lie in [0, 1]."
-    bad_mass_matrix = "the mass matrix must be symmetric positive definite at the initial state, and is not."
+    bad_mass_matrix = "the mass matrix must be symmetric positive definite at the start and at every event, and is not."
     bad_tolerance = "`rtol` and `atol` must be positive and finite."
