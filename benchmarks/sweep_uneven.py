@@ -3,8 +3,9 @@
     python -m benchmarks.sweep_uneven [--points 128]
 
 Balls that bounce 3 to 300 times before the end, in random order. A lane's own work is the time of a batch of copies of
-it alone, divided by their number: it waits for no other lane, and calls cost as little as in the mixed batch. Times are
-the processor's, the shortest of five.
+it alone, divided by their number: it waits for no other lane, and calls cost as little as in the mixed batch. The last
+line is what waiting costs: the same batch with all lanes in step (`mapped=False`, as on an accelerator), on this
+processor. Times are the processor's, the shortest of five.
 """
 
 import argparse
@@ -53,9 +54,11 @@ def main() -> None:
     points = parser.parse_args().points
     given = columns(points)
     program = Program(cost, Ball(g=9.81, e=1.0), Wanted(("q0", "v0", "g", "e"), 0, False))
-    engine = Engine(program, points, jax.devices()[:1], True)
+    engine, in_step = (Engine(program, points, jax.devices()[:1], mapped) for mapped in (True, False))
     results = engine.run(given)
+    np.testing.assert_allclose(in_step.run(given)["dJ_dg"], results["dJ_dg"], rtol=1e-6)
     together = seconds(lambda: engine.run(given))
+    waiting = seconds(lambda: in_step.run(given))
     copies = [{"q0": np.full(points, height)} for height in given["q0"]]
     own = sum(seconds(lambda same=same: engine.run(same)) for same in copies) / points
     counts = results["event_count"]
@@ -63,6 +66,7 @@ def main() -> None:
     print(f"{points} lanes with {counts.min()} to {counts.max()} events, {counts.sum()} in all; {failed} failed")
     print(f"sum of the lanes' own work {own:8.4f} s")
     print(f"one batch of them all      {together:8.4f} s = {together / own:.2f} of it")
+    print(f"the same, all in step      {waiting:8.4f} s = {waiting / own:.2f} of it")
 
 
 def seconds(call) -> float:

@@ -3,10 +3,12 @@
 import inspect
 
 import diffrax
+import jax
 import jax.numpy as jnp
 import numpy as np
 import problems
 import pytest
+from jaxtyping import Array
 
 import hybridsens as hs
 from hybridsens.study.compare import compare, relative_error
@@ -57,3 +59,43 @@ def test_a_costate_follows_the_tolerance_unless_it_has_its_own():
     assert moved == hs.ContinuousCostate(1e-6, 1e-6, "backward")
     assert at_tolerance(hs.Replay(), 1e-6) == hs.Replay()
     assert adjoint_name(hs.DiffraxAdjoint(diffrax.DirectAdjoint())) == "DiffraxAdjoint(adjoint=DirectAdjoint())"
+
+
+class Damped(hs.AbstractScene):
+    """v' = -c v + cos(3 t), with a wall that is never reached."""
+
+    damping: Array
+
+    sustained_contact = False
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -self.damping * v + jnp.cos(3 * t)
+
+    def gap(self, t, q):
+        return 100 + q
+
+    def restitution(self):
+        return jnp.zeros(1)
+
+
+def test_a_state_that_cannot_be_integrated_backward_is_warned_of():
+    """An implicit solver takes steps of many times 1/c: backward, errors grow by e^(c h). With c = 1 all is well.
+
+    From rest q(t) = (c/3 sin 3t - cos 3t + e^(-c t)) / (c^2 + 9).
+    """
+
+    def cost(c):
+        start, backward = hs.State(jnp.zeros(1), jnp.zeros(1)), hs.ContinuousCostate(state="backward")
+        motion = hs.simulate(Damped(c), start, t1=3.0, solver=diffrax.Kvaerno5(), adjoint=backward, throw=False)
+        return motion.final.q[0]
+
+    exact = jax.grad(lambda c: (c / 3 * jnp.sin(9.0) - jnp.cos(9.0) + jnp.exp(-3 * c)) / (c**2 + 9))
+    slope = jax.jit(jax.grad(cost))
+    assert float(slope(jnp.array(1.0))) == pytest.approx(float(exact(1.0)), rel=1e-6)
+    jax.effects_barrier()  # a warning would have been an error here
+    with pytest.warns(UserWarning, match="too dissipative to be integrated backward"):
+        jax.block_until_ready(slope(jnp.array(1e3)))
+        jax.effects_barrier()
