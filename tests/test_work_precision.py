@@ -10,6 +10,7 @@ import problems
 import pytest
 
 import hybridsens as hs
+from hybridsens.commands.main import run
 from hybridsens.scenes import ElasticStop
 from hybridsens.study.compare import Reference
 from hybridsens.study.work_precision import Point, WorkPrecision, work_precision
@@ -95,6 +96,23 @@ def test_an_interrupted_study_goes_on_where_it_stopped(ending, tmp_path, referen
 
 def _same(found, expected) -> bool:
     return repr(found) == repr(expected)  # nan is nan here
+
+
+def test_the_command_writes_points_and_goes_on_with_them(tmp_path, reference, monkeypatch, capsys):
+    """Eleven tolerances by one solver and one method; the second run measures nothing and gives the same advice."""
+    monkeypatch.setattr(work_precision_module, "tight_reference", lambda *scene: reference)
+    picture, points = tmp_path / "picture.png", tmp_path / "points.parquet"
+    asked = ["tradeoff", "elastic-stop", "--no-single", "--solver", "Tsit5", "--method", "ContinuousCostate"]
+    asked += ["--output", str(picture), "--points", str(points), "--target", "0.5"]
+    monkeypatch.setattr(work_precision_module, "_measure", first := Meter())
+    assert run(asked) == 0 and first.count == 11
+    printed = capsys.readouterr().out
+    assert "for gradient error 5e-01 on this scene: Tsit5, rtol 1e-03, ContinuousCostate: 100 ms" in printed
+    monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
+    assert run([*asked, "--resume"]) == 0 and second.count == 0
+    assert capsys.readouterr().out == printed and picture.read_bytes().startswith(b"\x89PNG")
+    assert run(["tradeoff", "--method", "Guessing"]) != 0
+    assert "there is no gradient method 'Guessing'; choose one of Replay" in capsys.readouterr().err
 
 
 def test_a_file_of_something_else_is_refused(tmp_path, reference):
