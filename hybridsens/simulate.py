@@ -76,10 +76,12 @@ def simulate(
     check_shapes(scene, state, running_cost)
     scene, running_cost = lift_closures(scene, running_cost, t0, state)
     dtype = state.q.dtype
-    method = Method(solver or diffrax.Tsit5(), *_tolerances(rtol, atol, dtype), max_events, max_steps)
+    adjoint = adjoint or Replay()
+    room = max_events, max_steps, _segment_steps(adjoint, ts)
+    method = Method(solver or diffrax.Tsit5(), *_tolerances(rtol, atol, dtype), *room)
     capture_speed = default_capture_speed(dtype) if capture_speed is None else float(capture_speed)
     system = MechanicalSystem(scene, running_cost, capture_speed, state.q.shape[0], (method.rtol, method.atol))
-    trajectory = _simulate(system, state, t0, t1, ts, method, adjoint or Replay())
+    trajectory = _simulate(system, state, t0, t1, ts, method, adjoint)
     return _raise_unless_successful(trajectory) if throw else trajectory
 
 
@@ -171,6 +173,15 @@ def _tolerances(rtol, atol, dtype):
         )
         return max(rtol, finest), max(atol, finest) if dtype == jnp.float32 else atol
     return rtol, atol
+
+
+def _segment_steps(adjoint, ts) -> int | None:
+    """Room for the steps of a segment where they are not recorded."""
+    if not isinstance(adjoint, Replay) or not adjoint.recompute:
+        return None
+    if ts is not None:
+        raise ValueError("`ts` needs recorded steps, which Replay(recompute=True) does not keep: use Replay().")
+    return adjoint.segment_steps
 
 
 def _raise_unless_successful(trajectory: Trajectory) -> Trajectory:

@@ -1,8 +1,8 @@
 """A hybrid system's motion with its exact gradient: the segment loop, and the backward pass as its custom VJP."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,35 +11,17 @@ from jaxtyping import Array, Float, Int
 from .adjoint.backward import Cotangents, pull_back
 from .adjoint.forward_sensitivity import push_forward
 from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
+from .adjoint.segment_steps import recomputed_steps, recorded_steps
 from .adjoint.step_adjoint import step_adjoint
 from .batching import map_lanes_on_cpu
+from .forward.method import Method
 from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
-from .forward.segment import Stepper
 from .forward.segment_loop import run_segments
-from .forward.solver import flow_operations, prepare_solver
+from .forward.solver import flow_operations
 from .hybrid import AbstractHybridSystem, Mode
 from .status import Status
 from .traced_once import TracedOnce
-
-
-class Method(eqx.Module):
-    """Settings of a run: what trades accuracy for time, and how much room there is."""
-
-    solver: diffrax.AbstractSolver
-    rtol: Any
-    atol: Any
-    max_events: int = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
-
-    def stepper(self, operations: int) -> Stepper:
-        """Solver and error control of the forward pass, for a flow of so many operations."""
-        solver = prepare_solver(self.solver, self.rtol, self.atol, "lax", operations)
-        return Stepper(solver, diffrax.PIDController(rtol=self.rtol, atol=self.atol))
-
-    def replay_solver(self, operations: int) -> diffrax.AbstractSolver:
-        """The same solver where its steps are differentiated."""
-        return prepare_solver(self.solver, self.rtol, self.atol, "bounded", operations)
 
 
 class Inputs(NamedTuple):
@@ -122,7 +104,8 @@ def _run(inputs: Inputs, setting: Setting) -> Motion:
     """The forward pass; its derivative rule in forward mode is the push-forward of variations."""
     system, x0, t0, t1, _ = inputs
     stepper = setting.method.stepper(_operations(inputs, setting))
-    room = setting.method.max_events, setting.method.max_steps
+    method = setting.method
+    room = method.max_events, method.max_steps if method.segment_steps is None else 0
     motion = empty_motion(system, t0, x0, setting.mode, *room, setting.status)
     return run_segments(system, stepper, t1, motion)
 
@@ -130,6 +113,11 @@ def _run(inputs: Inputs, setting: Setting) -> Motion:
 @_run.def_jvp
 def _run_jvp(primals, tangents):
     inputs, setting = primals
+    if setting.method.segment_steps is not None:
+        raise NotImplementedError(
+            "Forward mode and second derivatives need recorded steps, which Replay(recompute=True) does not keep: use "
+            "Replay() or ForwardSensitivities()."
+        )
     motion = _run(inputs, setting)
     parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
     d_inputs = tangents[0]
@@ -197,7 +185,11 @@ def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Report
     start = (inputs.t0, inputs.x0)
     carry_back = step_adjoint(how.adjoint, replay)
     ends = (how.by_t0, how.by_t1)
-    gradient = pull_back(parameters, static, carry_back, motion, start, inputs.t1, cotangents, ends)
+    find_steps = recorded_steps
+    if setting.method.segment_steps is not None:
+        stepper = setting.method.stepper(_operations(inputs, setting))
+        find_steps = partial(recomputed_steps, inputs.system, stepper, start, inputs.t1)
+    gradient = pull_back(parameters, static, carry_back, find_steps, motion, start, inputs.t1, cotangents, ends)
     by_parameters = gradient.parameters
     if sampled is not None:
         by_parameters = jax.tree.map(jnp.add, by_parameters, sampled)

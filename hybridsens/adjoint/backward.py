@@ -1,5 +1,6 @@
 """The backward pass: from the end of a motion to its start, through every jump and every recorded step."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -8,8 +9,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..forward.record import Motion, segment
+from ..forward.record import Motion, StepRecord, segment
 from .jump import Jump, crossing, event_row, jump
+from .segment_steps import Steps
 from .step_adjoint import StepAdjoint
 
 
@@ -39,6 +41,7 @@ def pull_back(
     parameters,
     static,
     carry_back: StepAdjoint,
+    find_steps: Callable[[Motion, Array], Steps],
     motion: Motion,
     start,
     t1,
@@ -48,9 +51,8 @@ def pull_back(
     """Gradient of a cost with the cotangents `bar`.
 
     Between events psi is carried back over the recorded steps, psi' = -f_x^T psi (T7); (T8)-(T10) at the events.
-    `parameters` and
-    `static` are the two halves of the system, `start` is (t0, x0); `moving_ends` says whether t0 and t1 are
-    differentiated by.
+    `parameters` and `static` are the two halves of the system, `find_steps` gives a segment's steps, `start` is
+    (t0, x0); `moving_ends` says whether t0 and t1 are differentiated by.
     """
     system = eqx.combine(parameters, static)
     events = motion.events
@@ -61,8 +63,9 @@ def pull_back(
 
     def one_segment(carry):
         j, psi, total, _ = carry
-        mode, first, last = segment(motion, j)
-        psi, total = _through_steps(parameters, static, carry_back, motion, mode, first, last, bar, psi, total)
+        mode, steps, first, last, trust = find_steps(motion, j)
+        psi = trust * psi
+        psi, total = _through_steps(parameters, static, carry_back, steps, mode, first, last, bar, psi, total)
         grid_bar = jax.tree.map(lambda g: jnp.where(last > first, g, 0), _grid_bar(bar, first))
         through = lambda: _through_event(parameters, static, events, j - 1, bar, grid_bar, psi, total)
         psi, total = lax.cond(j > 0, through, lambda: (psi, total))
@@ -77,9 +80,9 @@ def pull_back(
     return Gradient(total, psi + x0_grid, t0_grid, t1_bar)
 
 
-def _through_steps(parameters, static, carry_back, motion: Motion, mode, first, last, bar: Cotangents, psi, total):
-    """Adjoint of the steps first <= k < last of one segment, on their recorded grid."""
-    t, x = motion.steps.t, motion.steps.x
+def _through_steps(parameters, static, carry_back, steps: StepRecord, mode, first, last, bar: Cotangents, psi, total):
+    """Adjoint of the steps first <= k < last of one segment, on their grid."""
+    t, x = steps.t, steps.x
 
     def body(carry):
         k, psi, total = carry

@@ -12,7 +12,18 @@ class Replay(AbstractGradientMethod):
     """Reverse mode, exact for the computed motion: recorded steps are replayed backward, jumps between (default).
 
     Serves `jax.grad`, `jax.vjp`, and second derivatives as forward over reverse (`jax.jacfwd(jax.grad(...))`).
+
+    With `recompute=True` only the events are recorded and every segment is run again on the way back: memory for the
+    events and the steps of one segment, for about one more forward solve. A segment then has room for `segment_steps`
+    steps, samples `ts` are refused, and second derivatives too.
     """
+
+    recompute: bool = eqx.field(default=False, static=True)
+    segment_steps: int = eqx.field(default=1024, static=True)
+
+    def __check_init__(self):
+        if not isinstance(self.segment_steps, int) or self.segment_steps < 1:
+            raise ValueError(f"`segment_steps` must be an integer >= 1, but is {self.segment_steps!r}.")
 
 
 class ContinuousCostate(AbstractGradientMethod):

@@ -81,6 +81,8 @@ class LandingController(diffrax.AbstractStepSizeController):
     record: StepRecord
     rejected: Int[Array, ""]
     start: GuardsAtStart
+    max_steps: int = eqx.field(static=True)
+    segment_steps: int = eqx.field(static=True)
 
     def wrap(self, direction):
         return self  # time always runs forward here
@@ -160,8 +162,8 @@ class LandingController(diffrax.AbstractStepSizeController):
 
     def _result(self, t0, next_t1, keep, landed, state: LandingState):
         R = diffrax.RESULTS
-        capacity = state.record.t.shape[0] - 2
-        full = (state.record.count + state.rejected >= capacity) & (t0 < self.end)
+        tried, kept = state.record.count + state.rejected, state.record.count - self.record.count
+        full = ((tried >= self.max_steps) | (kept >= self.segment_steps)) & (t0 < self.end)
         stuck = ~keep & ~(next_t1 - t0 > time_resolution(t0, -1))
         result = R.where(landed, R.event_occurred, R.successful)
         result = R.where(stuck, R.dt_min_reached, result)

@@ -49,6 +49,8 @@ class EventRecord(eqx.Module):
     """The mode of segment j."""
     steps: Int[Array, "event"]
     """Number of accepted steps up to the event."""
+    first_step: Float[Array, "event"]
+    """Size of the step that was tried next after the event."""
     count: Int[Array, ""]
     """How many events there were."""
 
@@ -101,11 +103,7 @@ def empty_motion(
 
     Both records have one row more than they may use, for the entry that is written and then not kept.
     """
-    steps = StepRecord(
-        jnp.full(max_steps + 2, jnp.inf, t0.dtype).at[0].set(t0),
-        jnp.zeros((max_steps + 2, x0.shape[0]), x0.dtype).at[0].set(x0),
-        jnp.array(0),
-    )
+    steps = empty_steps(t0, x0, max_steps)
     decision = jax.eval_shape(lambda: system.choose(jnp.array(0), t0, x0, mode))
     _, emitted = jax.eval_shape(lambda decision: system.reset(decision, t0, x0), decision)
     rows = lambda tree: jax.tree.map(lambda leaf: jnp.zeros((max_events + 1, *leaf.shape), leaf.dtype), tree)
@@ -118,11 +116,19 @@ def empty_motion(
         decision=rows(decision),
         mode=rows(mode),
         steps=jnp.zeros(max_events + 1, int),
+        first_step=jnp.zeros(max_events + 1, t0.dtype),
         count=jnp.array(0),
     )
     never = jnp.array(-jnp.inf, t0.dtype)
     no = jnp.array(False)
     return Motion(no, t0, x0, mode, steps, events, jnp.array(-1), never, no, jnp.array(0), jnp.zeros_like(t0), status)
+
+
+def empty_steps(t, x, max_steps: int) -> StepRecord:
+    """A record that starts at (t, x). What is written beyond its room is lost, and counted all the same."""
+    times = jnp.full(max_steps + 2, jnp.inf, t.dtype).at[0].set(t)
+    states = jnp.zeros((max_steps + 2, x.shape[0]), x.dtype).at[0].set(x)
+    return StepRecord(times, states, jnp.array(0))
 
 
 def segment(motion: Motion, j) -> tuple[Mode, Int[Array, ""], Int[Array, ""]]:

@@ -17,6 +17,10 @@ class Stepper(eqx.Module):
 
     solver: diffrax.AbstractSolver
     controller: diffrax.AbstractAdaptiveStepSizeController
+    max_steps: int = eqx.field(static=True)
+    """How many steps may be tried in all."""
+    segment_steps: int = eqx.field(static=True)
+    """How many steps a segment may have."""
 
 
 class SegmentEnd(eqx.Module):
@@ -41,7 +45,8 @@ def solve_segment(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Mo
         motion.x,
         args=(system, motion.mode),
         stepsize_controller=LandingController(
-            stepper.controller, motion.first_step, t1, motion.steps, motion.rejected, start
+            stepper.controller, motion.first_step, t1, motion.steps, motion.rejected, start, stepper.max_steps,
+            stepper.segment_steps,
         ),
         saveat=diffrax.SaveAt(t1=True, controller_state=True),
         adjoint=diffrax.ForwardMode(),

@@ -62,14 +62,15 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
     done = lax.cond(passes, transition, lambda: nothing)
     after = jnp.where(jumps, done.after, before)
+    hop = jnp.maximum(done.decision.hop, time_resolution(t, 0))  # a step of no length would never grow
+    first_step = jnp.where(passes, jnp.minimum(motion.first_step, hop), motion.first_step)
     # The row is written in either case and counts only if the event passed: a buffer that goes through a
     # conditional would be copied whole.
     events = events.append(
         jumps, time=jnp.where(jumps, t, jnp.inf), guard=jnp.where(jumps, end.guard, -1), before=before,
         after=after, emitted=done.emitted, decision=done.decision, mode=motion.mode,
-        steps=motion.steps.count,
+        steps=motion.steps.count, first_step=first_step,
     )  # fmt: skip
-    hop = jnp.maximum(done.decision.hop, time_resolution(t, 0))  # a step of no length would never grow
     return Motion(
         begun=jnp.array(True),
         t=t,
@@ -81,7 +82,7 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
         last_event=jnp.where(jumps, t, motion.last_event),
         grazing=motion.grazing | (jumps & done.decision.grazing),
         rejected=motion.rejected,
-        first_step=jnp.where(passes, jnp.minimum(motion.first_step, hop), motion.first_step),
+        first_step=first_step,
         status=_status(motion, end, full, again, Status.where(passes, done.decision.status, Status.running)),
     )
 

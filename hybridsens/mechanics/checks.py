@@ -28,7 +28,7 @@ def real_tolerance(name: str, value):
     """A positive number, or a scalar array whose value is looked at when the motion runs."""
     if isinstance(value, jax.Array):
         return real_array(name, value, 0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1e308:
         raise ValueError(f"`{name}` must be a positive number, but is {value!r}.")
     return float(value)
 
@@ -54,6 +54,9 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
     contacts = _shape(scene.gap, t, q)
     if len(contacts) != 1:
         raise ValueError(f"`gap` must return an array of shape (contact,), but returns shape {contacts}.")
+    kind = eqx.filter_eval_shape(scene.gap, t, q).dtype
+    if kind != q.dtype:
+        raise TypeError(f"`gap` must return {q.dtype}, the type of the state, but returns {kind}: give both one type.")
     _must_be("mass_matrix", _shape(scene.mass_matrix, q), (dof, dof))
     _must_be("force", _shape(scene.force, t, q, v), (dof,))
     _must_be("restitution", _shape(scene.restitution), contacts)
@@ -92,8 +95,8 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status
 
 def _shape(function, *arguments) -> tuple[int, ...]:
     out = eqx.filter_eval_shape(function, *arguments)
+    name = getattr(function, "__name__", "a scene's function")
     if not hasattr(out, "shape"):
-        name = getattr(function, "__name__", "a scene's function")
         raise TypeError(f"`{name}` must return an array, but returns {type(out).__name__}.")
     if not jnp.issubdtype(out.dtype, jnp.floating):
         raise TypeError(f"`{name}` must return real numbers, but returns {out.dtype}.")

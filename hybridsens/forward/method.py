@@ -1,0 +1,31 @@
+"""Settings of a run."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+
+from .segment import Stepper
+from .solver import prepare_solver
+
+
+class Method(eqx.Module):
+    """Settings of a run: what trades accuracy for time, and how much room there is."""
+
+    solver: diffrax.AbstractSolver
+    rtol: Any
+    atol: Any
+    max_events: int = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+    segment_steps: int | None = eqx.field(default=None, static=True)
+    """Steps are not recorded, and no segment has more than this; None: all are recorded."""
+
+    def stepper(self, operations: int) -> Stepper:
+        """Solver and error control of the forward pass, for a flow of so many operations."""
+        solver = prepare_solver(self.solver, self.rtol, self.atol, "lax", operations)
+        control = diffrax.PIDController(rtol=self.rtol, atol=self.atol)
+        return Stepper(solver, control, self.max_steps, self.segment_steps or self.max_steps)
+
+    def replay_solver(self, operations: int) -> diffrax.AbstractSolver:
+        """The same solver where its steps are differentiated."""
+        return prepare_solver(self.solver, self.rtol, self.atol, "bounded", operations)
