@@ -1,28 +1,13 @@
 """Fits against records that another integrator made, and against closed forms."""
 
-from pathlib import Path
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from stop_record import NEAR, STOP, TRUTH, stop_record
 
 from hybridsens.scenes import BouncingBall, ElasticStop
-from hybridsens.study.fit import GrowingHorizon, fit, measurements, read_measurements
+from hybridsens.study.fit import fit, measurements
 from hybridsens.study.fit.descend import GuessFailed
-
-RECORD = Path(__file__).parents[1] / "notebooks" / "data" / "stop_record.csv"
-TRUTH = {
-    "stiffness": 1.0, "damping": 0.1, "amplitude": 1.0, "frequency": 1.3, "distance": 0.6, "restitution_coefficient":
-    0.8,
-}  # fmt: skip
-NEAR = {
-    "stiffness": 1.03, "damping": 0.11, "amplitude": 0.97, "frequency": 1.31, "distance": 0.62,
-    "restitution_coefficient": 0.75,
-}  # fmt: skip
-STOP = {
-    "parameters": list(TRUTH), "robust": 2.0,
-    "bounds": {name: "positive" for name in TRUTH} | {"restitution_coefficient": (0, 1)},
-}  # fmt: skip
 
 
 def _impact_times(height, e, g, count):
@@ -34,7 +19,7 @@ def _impact_times(height, e, g, count):
 @pytest.fixture(scope="module")
 def record():
     """SciPy's motion of the stop, with noise, outliers and gaps."""
-    return read_measurements(RECORD, missing="skip")
+    return stop_record()
 
 
 @pytest.fixture(scope="module")
@@ -49,18 +34,6 @@ def test_six_parameters_are_recovered_in_few_iterations(near):
     for name, value in zip(near.labels, near.values, strict=True):
         assert abs(value - TRUTH[name]) < 3 * near.standard_errors[name] < 0.1, name
     assert [event[0] for event in near.sequence_end] == ["impact"] * 5
-
-
-def test_a_growing_horizon_comes_home_from_a_guess_that_loses_the_phase(record, near):
-    """Assert that a guess 30 % off ends at the same minimum by growing, notices new impacts, and directly ends
-    elsewhere."""
-    far = ElasticStop(
-        stiffness=1.3, damping=0.13, amplitude=0.7, frequency=1.1, distance=0.7, restitution_coefficient=0.6
-    )
-    grown = fit(far, record, strategy=GrowingHorizon(), **STOP)
-    np.testing.assert_allclose(grown.values, near.values, rtol=1e-3)
-    assert grown.sequence_changes >= 1 and len(grown.sequence_start) != len(grown.sequence_end) == 5
-    assert fit(far, record, **STOP).loss > 10 * grown.loss
 
 
 def test_what_is_printed_names_the_parameters_and_events(near):

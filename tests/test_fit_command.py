@@ -1,13 +1,10 @@
 """`hybridsens fit` reads a file, fits what is asked for, and says so."""
 
-from pathlib import Path
-
 import pytest
 import typer
+from stop_record import RECORD
 
 from hybridsens.commands.fit import fit
-
-RECORD = Path(__file__).parents[1] / "notebooks" / "data" / "stop_record.csv"
 
 
 def test_a_scene_of_one_s_own_is_fitted_from_a_file(tmp_path, capsys):

@@ -12,7 +12,7 @@ from ...adjoint.methods import AbstractGradientMethod
 from ...mechanics.mode import EventKind
 from ...simulate import simulate
 from ...status import Status
-from ...trajectory import Events
+from ...trajectory import Events, Trajectory
 from .parameters import Selection
 
 
@@ -94,7 +94,7 @@ class Problem(eqx.Module):
     ) -> tuple[Float[Array, "residual"], Trial]:
         """Residuals in sigmas, (sample x observation + event + 2 parameter,), and what happened."""
         scene = self.scene_at(z)
-        trajectory = self._simulate(scene, adjoint)
+        trajectory = self.motion(scene, adjoint)
         seen = (self._observed(scene, trajectory) - self.data.values) * self.data.weights
         seen = seen * (self.data.times <= self.horizon)[:, None]
         parts = [self._limited(jnp.ravel(seen)), self._limited(self._event_residuals(trajectory.events))]
@@ -103,7 +103,8 @@ class Problem(eqx.Module):
         failed = (trajectory.status != Status.successful) | ~jnp.all(jnp.isfinite(r))
         return r, Trial(failed, trajectory.status, trajectory.events.kind, trajectory.events.contact)
 
-    def _simulate(self, scene, adjoint):
+    def motion(self, scene, adjoint: AbstractGradientMethod) -> Trajectory:
+        """The motion up to the horizon, at the data's times."""
         ts = jnp.minimum(self.data.times, self.horizon)
         numerics = self.numerics
         return simulate(
@@ -117,7 +118,7 @@ class Problem(eqx.Module):
     ) -> Float[Array, "sample observation"]:
         """What would be measured at the data's times."""
         scene = self.scene_at(z)
-        return self._observed(scene, self._simulate(scene, adjoint))
+        return self._observed(scene, self.motion(scene, adjoint))
 
     def _observed(self, scene, trajectory):
         if self.data.times.size == 0:

@@ -1,0 +1,147 @@
+"""The same fit with exact, naive and difference derivatives: iterations, time, success.
+
+The elastic stop's six parameters from noisy records by SciPy (see `fit_recovery.py`), guesses up to 30 % off, the same
+Levenberg-Marquardt with and without `GrowingHorizon`; and SciPy's own `least_squares` on this package's motions. A
+fit succeeds if every parameter ends within 3 standard errors of the truth. Seconds are those of compiled fits, failed
+ones included.
+
+Run: python -m benchmarks.fit_against_naive --records 20
+"""
+
+import argparse
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import hybridsens as hs
+
+hs.configure()
+
+import equinox as eqx  # noqa: E402
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from scipy.optimize import least_squares  # noqa: E402
+
+from benchmarks.fit_problems import DifferencesProblem, NaiveProblem, like  # noqa: E402
+from benchmarks.fit_record import BOUNDS, TRUTH, guess  # noqa: E402
+from benchmarks.fit_recovery import record  # noqa: E402
+from benchmarks.machine import describe  # noqa: E402
+from hybridsens.adjoint.methods import Replay  # noqa: E402
+from hybridsens.scenes import ElasticStop  # noqa: E402
+from hybridsens.study.fit import GrowingHorizon, prepare  # noqa: E402
+from hybridsens.study.fit.descend import GuessFailed, Room, descend  # noqa: E402
+from hybridsens.study.fit.least_squares import linearise  # noqa: E402
+from hybridsens.study.fit.optimizers import FAR, NEAR, method  # noqa: E402
+from hybridsens.study.fit.problem import Numerics, Problem  # noqa: E402
+from hybridsens.study.fit.watch import Audience  # noqa: E402
+
+RESULTS = Path(__file__).parents[1] / "results" / "fit_against_naive.csv"
+NUMERICS = Numerics(1e-8, 1e-8, 256, 4096)
+
+
+class Found(NamedTuple):
+    """Where a fit ended."""
+
+    values: np.ndarray
+    iterations: int
+
+
+def ours(problem: Problem, strategy: GrowingHorizon | None) -> Found:
+    """Levenberg-Marquardt as `fit` runs it, on any kind of problem."""
+    how, z = method("levenberg-marquardt"), problem.selection.from_values(problem.selection.values(problem.scene))
+    stages, z = ([], z) if strategy is None else strategy.run(how, problem, z, Audience())
+    last = descend(how, problem, z, Room(100, 20), damping=NEAR if stages else FAR)
+    tried = sum(line.number > 0 for descent in [*stages, last] for line in descent.history)
+    return Found(np.asarray(problem.selection.to_values(last.z)), tried)
+
+
+@eqx.filter_jit
+def _residuals(problem: Problem, z):
+    r, trial = problem.residuals(z, Replay())
+    return jnp.where(trial.failed, 1e3, r)
+
+
+def scipys(problem: Problem, step: float | None) -> Found:
+    """SciPy's trust region on residuals of this package, with its own differences."""
+    z = problem.selection.from_values(problem.selection.values(problem.scene))
+    done = least_squares(lambda z: np.asarray(_residuals(problem, jnp.asarray(z))), z, diff_step=step, max_nfev=100)
+    return Found(np.asarray(problem.selection.to_values(jnp.asarray(done.x))), done.nfev)
+
+
+METHODS: dict[str, Callable[[Problem], Found]] = {
+    "sensitivities, growing horizon": lambda p: ours(p, GrowingHorizon()),
+    "differences of our motion, growing horizon": lambda p: ours(like(DifferencesProblem, p), GrowingHorizon()),
+    "naive autodiff, 50 steps per sample, growing horizon": lambda p: ours(
+        like(NaiveProblem, p, steps=50), GrowingHorizon()
+    ),
+    "naive autodiff, 200 steps per sample, growing horizon": lambda p: ours(
+        like(NaiveProblem, p, steps=200), GrowingHorizon()
+    ),
+    "sensitivities": lambda p: ours(p, None),
+    "differences of our motion": lambda p: ours(like(DifferencesProblem, p), None),
+    "naive autodiff, 50 steps per sample": lambda p: ours(like(NaiveProblem, p, steps=50), None),
+    "scipy least_squares, its default differences": lambda p: scipys(p, None),
+    "scipy least_squares, differences over 1e-4": lambda p: scipys(p, 1e-4),
+}
+
+
+def standard_errors() -> np.ndarray:
+    """Of the parameters at the truth: the yardstick for all methods."""
+    problem = _problem(TRUTH, 0)
+    z = problem.selection.from_values(problem.selection.values(problem.scene))
+    _, jacobian, _ = linearise(problem, z)
+    by_p = np.asarray(jacobian) / np.asarray(jax.jvp(problem.selection.to_values, (z,), (jnp.ones(6),))[1])
+    return np.sqrt(np.diag(np.linalg.inv(by_p.T @ by_p)))
+
+
+def _problem(scene: dict[str, float], seed: int) -> Problem:
+    return prepare.problem(ElasticStop(**scene), record(seed), NUMERICS, parameters=list(TRUTH), bounds=BOUNDS)
+
+
+def row(name: str, error: float, records: int) -> dict:
+    """One method on all records."""
+    run, errors, truth = METHODS[name], standard_errors(), np.array(list(TRUTH.values()))
+    good, iterations, seconds = [], [], []
+    for seed in range(-1, records):  # the first one compiles
+        problem = _problem(guess(max(seed, 0), error=error), max(seed, 0))
+        begin = time.perf_counter()
+        try:
+            found = run(problem)
+        except GuessFailed:
+            found = Found(np.full(6, np.inf), 0)
+        seconds.append(time.perf_counter() - begin)
+        good.append(bool(np.all(np.abs(found.values - truth) <= 3 * errors)))
+        iterations.append(found.iterations)
+    counts = [count for count, success in zip(iterations[1:], good[1:], strict=True) if success]
+    return {
+        "method": name, "guess off by": error, "records": records, "recovered": sum(good[1:]),
+        "iterations, median": np.median(counts) if counts else np.nan,
+        "iterations, all fits": np.median(iterations[1:]), "seconds, median": np.median(seconds[1:]),
+        "seconds per recovery": sum(seconds[1:]) / max(sum(good[1:]), 1) if counts else np.inf,
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--records", type=int, default=20)
+    parser.add_argument("--error", type=float, nargs="+", default=[0.3])
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=list(METHODS))
+    asked = parser.parse_args()
+    rows = []
+    for error in asked.error:
+        for name in asked.methods:
+            rows.append(row(name, error, asked.records))
+            print({key: value if isinstance(value, str) else float(f"{value:.3g}") for key, value in rows[-1].items()},
+                  flush=True)  # fmt: skip
+    RESULTS.parent.mkdir(exist_ok=True)
+    with RESULTS.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [*rows[0], *describe()])
+        writer.writeheader()
+        writer.writerows({**line, **describe()} for line in rows)
+
+
+if __name__ == "__main__":
+    main()

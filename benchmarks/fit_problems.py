@@ -1,0 +1,94 @@
+"""The least-squares problem of a fit with other derivatives, or another motion, in the place of this package's."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from hybridsens import Status
+from hybridsens.adjoint.methods import Replay
+from hybridsens.mechanics.scene import State
+from hybridsens.study.fit.problem import Problem
+from hybridsens.study.naive import naive_motion
+
+
+class DifferencesProblem(Problem):
+    """The same residuals; their derivatives are forward differences of the motion."""
+
+    step: float = eqx.field(static=True, default=1e-4)
+    """Of z, which is of size 1. The motion's own error of 1e-8 spoils differences over much less than its root."""
+
+    def residuals(self, z, adjoint):
+        del adjoint
+        plain = lambda z: Problem.residuals(self, z, Replay())
+
+        @jax.custom_jvp
+        def residuals(z):
+            return plain(z)
+
+        @residuals.defjvp
+        def _(primals, tangents):
+            (z,), (direction,) = primals, tangents
+            r, trial = plain(z)
+            ahead, there = plain(z + self.step * direction)
+            slope = jnp.where(there.failed, jnp.nan, (ahead - r) / self.step)
+            return (r, trial), (slope, jax.tree.map(_no_tangent, trial))
+
+        return residuals(z)
+
+
+def _no_tangent(leaf):
+    return jnp.zeros(leaf.shape, jax.dtypes.float0)
+
+
+class NaiveEvents(NamedTuple):
+    """Nobody knows the events of a fixed-step loop."""
+
+    kind: Array
+    contact: Array
+    time: Array
+
+
+class NaiveSamples(NamedTuple):
+    """As much of a trajectory as residuals ask for."""
+
+    q: Float[Array, "sample dof"]
+    v: Float[Array, "sample dof"]
+    status: Status
+    events: NaiveEvents
+
+
+class NaiveProblem(Problem):
+    """The motion by fixed steps whose impacts are a `where`, differentiated by plain autodiff."""
+
+    steps: int = eqx.field(static=True, default=100)
+    """From sample to sample."""
+
+    def motion(self, scene, adjoint):
+        del adjoint
+        ends = jnp.minimum(self.data.times, self.horizon)
+        begins = jnp.concatenate([self.t0[None], ends[:-1]])
+
+        def to_next_sample(state, interval):
+            state = naive_motion(scene, state, t0=interval[0], t1=interval[1], steps=self.steps).final
+            return state, state
+
+        _, states = lax.scan(to_next_sample, self.initial_state(scene), (begins, ends))
+        return NaiveSamples(*_arrays(states), Status.successful, _no_events())
+
+
+def _arrays(states: State):
+    return states.q, states.v
+
+
+def _no_events() -> NaiveEvents:
+    none = jnp.full(1, -1)
+    return NaiveEvents(none, none, jnp.full(1, jnp.inf))
+
+
+def like(kind: type[Problem], problem: Problem, **settings) -> Problem:
+    """The same problem, of another kind."""
+    return kind(**vars(problem), **settings)

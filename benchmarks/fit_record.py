@@ -1,0 +1,46 @@
+"""Records of the oscillator with a stop by SciPy's integrator and events: nothing of hybridsens takes part in them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+TRUTH = {
+    "stiffness": 1.0, "damping": 0.1, "amplitude": 1.0, "frequency": 1.3, "distance": 0.6,
+    "restitution_coefficient": 0.8,
+}  # fmt: skip
+BOUNDS = {name: "positive" for name in TRUTH} | {"restitution_coefficient": (0, 1)}
+TIMES = np.linspace(0.1, 20.0, 200)
+
+
+def positions(p: Mapping[str, float] = TRUTH, times: np.ndarray = TIMES) -> tuple[np.ndarray, list[float]]:
+    """Positions of q'' = -k q - c q' + A cos(Omega t), q <= d, at these times, and the times of the impacts."""
+
+    def rates(t, x):
+        return [x[1], -p["stiffness"] * x[0] - p["damping"] * x[1] + p["amplitude"] * np.cos(p["frequency"] * t)]
+
+    def gap(t, x):
+        return p["distance"] - x[0]
+
+    gap.terminal, gap.direction = True, -1  # type: ignore[attr-defined]
+    t, x, impacts, q = 0.0, np.zeros(2), [], np.zeros(times.size)
+    while t < times[-1]:
+        flight = solve_ivp(
+            rates, (t, times[-1]), x, method="DOP853", events=gap, dense_output=True, rtol=1e-12, atol=1e-12
+        )
+        seen = (times >= t) & (times <= flight.t[-1])
+        q[seen] = flight.sol(times[seen])[0]
+        t, x = flight.t[-1], flight.y[:, -1] * [1, -p["restitution_coefficient"]]
+        if flight.status == 1:
+            impacts.append(float(t))
+            x[0] = p["distance"] - 1e-13  # just off the stop, or the next flight would start with an event
+    return q, impacts
+
+
+def guess(seed: int, kind: str = "uniform", error: float = 0.3) -> dict[str, float]:
+    """Parameters off by up to `error` ("uniform"), or by exactly `error` with random signs ("corner")."""
+    random = np.random.default_rng(1_000_000 + seed)
+    off = error * (random.uniform(-1, 1, 6) if kind == "uniform" else random.choice([-1, 1], 6))
+    values = np.array(list(TRUTH.values())) * (1 + off)
+    values[5] = min(values[5], 0.98)
+    return dict(zip(TRUTH, values.tolist(), strict=True))
