@@ -41,14 +41,15 @@ def squared(scene, t, q, v):
 
 
 @eqx.filter_jit
-def run(scene, q, v, t0, t1, tolerance=1e-10, capture_speed=None, max_events=4096):
+def run(scene, q, v, t0, t1, tolerance=1e-10, atol=None, capture_speed=None, max_events=4096):
     """Cost int q^2 + q(t1), its gradient by (scene, q, v), and the trajectory."""
 
     def cost(inputs):
         scene, q, v = inputs
         trajectory = hs.simulate(
-            scene, hs.State(q[None], v[None]), t0=t0, t1=t1, running_cost=squared, throw=False, rtol=tolerance,
-            atol=tolerance, capture_speed=capture_speed, max_events=max_events, max_steps=4 * max_events,
+            scene, hs.State(q[None], v[None]), t0=t0, t1=t1, running_cost=squared, rtol=tolerance,
+            atol=tolerance if atol is None else atol, capture_speed=capture_speed, max_events=max_events,
+            max_steps=4 * max_events, throw=False,
         )  # fmt: skip
         return trajectory.cost + trajectory.final.q[0], trajectory
 
@@ -69,7 +70,7 @@ def bouncing_cost(height, weight, e):
 
 
 def oscillator_cost(v, d, e, t1):
-    """Closed form of int q^2 + q(t1) for q'' = -q from (0, v): q = v sin t to the stop at d, then d cos s - e u sin s."""
+    """int q^2 + q(t1) for q'' = -q from (0, v) in closed form: v sin t to the stop at d, then d cos s - e u sin s."""
     t = jnp.arcsin(d / v)
     w = -e * v * jnp.cos(t)
     s = t1 - t

@@ -39,7 +39,7 @@ def show(rows: list[Row]) -> None:
     """Print rows in columns."""
     for row in rows:
         error = "" if row.error is None else f"{row.error:.1e}"
-        at = row.at if isinstance(row.at, str | int) else f"{row.at:.0e}"
+        at = row.at if isinstance(row.at, str | int) else f"{row.at:g}"
         print(f"{row.case:24} {row.what:44} {at!s:>12} {error:>9}  {row.ends}", flush=True)
 
 

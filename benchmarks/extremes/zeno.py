@@ -39,7 +39,7 @@ class Incline(hs.AbstractScene):
 
 
 def study() -> list[Row]:
-    """Flat: value and gradient. Incline: where the sliding point is, and its derivative by the angle. Cut: its order."""
+    """Flat: value and gradient. Incline: place of the sliding point and its slope by the angle. Cut: its order."""
     rows = []
     for e in RESTITUTIONS:
         rest = np.sqrt(2 / GRAVITY) * (1 + e) / (1 - e)

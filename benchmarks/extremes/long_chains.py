@@ -1,0 +1,73 @@
+"""An elastic ball over 1,000 to 100,000 impacts: energy, event times, gradient in closed form; memory and time.
+
+    python -m benchmarks.extremes.long_chains --impacts 1000 10000 100000
+"""
+
+import argparse
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import hybridsens as hs
+from hybridsens.scenes import BouncingBall
+
+from ..memory import GRAVITY, exact_slope
+from .report import Row, main_of, status_name
+
+
+def study(impacts: list[int]) -> list[Row]:
+    """One block of rows for each number of impacts; time and memory as multiples of the first's."""
+    rows, base = [], None
+    for count in impacts:
+        horizon = (2 * count - 0.5) * np.sqrt(2 / GRAVITY)
+        compiled = jax.jit(jax.value_and_grad(_final_height(count, horizon), has_aux=True)).lower(1.0).compile()
+        start = time.perf_counter()
+        (_, motion), slope = jax.block_until_ready(compiled(jnp.array(1.0)))
+        plan = compiled.memory_analysis()
+        cost = np.array([time.perf_counter() - start, plan.temp_size_in_bytes + plan.output_size_in_bytes]) / count
+        base = cost if base is None else base
+        errors = chain_errors(motion, count) | {
+            "gradient": abs(float(slope) / exact_slope(count, horizon) - 1),
+            "seconds per impact, against the shortest": cost[0] / base[0],
+            "memory per impact, against the shortest": cost[1] / base[1],
+        }
+        rows += [Row("long chains", name, count, float(size), status_name(motion)) for name, size in errors.items()]
+    return rows
+
+
+def _final_height(count: int, horizon: float):
+    def final_height(height):
+        scene = BouncingBall(height=height, restitution_coefficient=1.0)
+        motion = hs.simulate(
+            scene, scene.initial_state(), t1=horizon, max_events=count + 2, max_steps=6 * count, throw=False
+        )
+        return motion.final.q[0], motion
+
+    return final_height
+
+
+def chain_errors(motion: hs.Trajectory, count: int) -> dict[str, float]:
+    """Relative errors of an elastic ball dropped from 1: t_k = (2 k - 1) sqrt(2 / g), v^2 / (2 g) + q = 1."""
+    happened = int(motion.events.count)
+    times = np.asarray(motion.events.time[:happened])
+    exact = (2 * np.arange(1, happened + 1) - 1) * np.sqrt(2 / GRAVITY)
+    after = motion.events.after
+    energies = np.asarray(after.v[:happened, 0]) ** 2 / (2 * GRAVITY) + np.asarray(after.q[:happened, 0])
+    return {
+        "impacts missed or made up": abs(happened - count),
+        "event times, relative": np.max(np.abs(times / exact - 1)),
+        "energy drift, relative": np.max(np.abs(energies - 1)),
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--impacts", type=int, nargs="+", default=[1000, 10_000, 100_000])
+    main_of("long_chains", lambda arguments: study(arguments.impacts), parser)
+
+
+if __name__ == "__main__":
+    main()
