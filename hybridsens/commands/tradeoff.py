@@ -25,6 +25,7 @@ def tradeoff(
     """Errors of J and of its gradient against time per gradient, and the setting to choose. Ctrl-C keeps the points."""
     from ..study.work_precision import work_precision  # matplotlib is needed by these commands only
     from ..study.work_precision_plot import plot_work_precision
+    from ..study.work_precision_points import TARGETS
 
     if scene not in SCENES:
         raise typer.BadParameter(f"there is no scene {scene!r}; choose one of {', '.join(SCENES)}")
@@ -36,7 +37,10 @@ def tradeoff(
     study = work_precision(
         SCENES[scene](), solvers=solvers, methods=methods, dtypes=dtypes, path=points, resume=resume
     )
-    print(f"{scene}: J = int running_cost dt\n\n{study}\n\n{study.advice(target)}\npoints: {points}")
+    print(f"{scene}: J = int running_cost dt\n\n{study}")
+    if target not in TARGETS:
+        print(study.advice(target))
+    print(f"\npoints: {points}")
     plot_work_precision(study).savefig(output, dpi=150)
     print(f"picture: {output}")
 

@@ -5,6 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 
+TARGETS = (1e-4, 1e-6, 1e-8)
+"""Gradient errors that a printed study gives advice for."""
+
+
 class Point(NamedTuple):
     """One setting, what it reached, and what it cost."""
 
@@ -60,7 +64,7 @@ class WorkPrecision(NamedTuple):
             lines.append(f"{mark}{point.label:{width}}" + (f"  failed: {point.failure}" if point.failure else numbers))
         lines += ["  (interrupted: the remaining points were not run)"] if self.interrupted else []
         lines.append("* no other point is both faster and more accurate")
-        return "\n".join([*lines, *map(self.advice, (1e-4, 1e-6, 1e-8))])
+        return "\n".join([*lines, *map(self.advice, TARGETS)])
 
     def advice(self, gradient_error: float) -> str:
         """The recommendation in a sentence."""
