@@ -1,6 +1,5 @@
 """How long a compiled function takes, how long it takes to compile, and how much memory it needs."""
 
-import statistics
 import time
 from collections.abc import Callable
 
@@ -8,7 +7,10 @@ import jax
 
 
 def seconds_per_call(call: Callable, *, repeats: int = 5, shortest: float = 0.01) -> float:
-    """Median over `repeats` of the time of one call, each repeat lasting at least `shortest` seconds."""
+    """Time of one call [s]: the least of `repeats` means over at least `shortest` seconds each.
+
+    The least, because whatever else the machine does can only make it longer.
+    """
     start = time.perf_counter()
     jax.block_until_ready(call())
     calls = max(1, int(shortest / (time.perf_counter() - start)))
@@ -18,7 +20,7 @@ def seconds_per_call(call: Callable, *, repeats: int = 5, shortest: float = 0.01
         for _ in range(calls):
             jax.block_until_ready(call())
         samples.append((time.perf_counter() - start) / calls)
-    return statistics.median(samples)
+    return min(samples)
 
 
 def first_call(call: Callable):

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-
 TARGETS = (1e-4, 1e-6, 1e-8)
 """Gradient errors that a printed study gives advice for."""
 
