@@ -6,8 +6,9 @@ import pytest
 from stop_record import FAR, NEAR, STOP, TRUTH, stop_record
 
 from hybridsens.scenes import BouncingBall, ElasticStop
-from hybridsens.study.fit import GrowingHorizon, fit, measurements, prepare
+from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit, measurements, prepare
 from hybridsens.study.fit.problem import Numerics
+from hybridsens.study.fit.window_starts import edges_away_from_kinks, parabolas
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,29 @@ def test_a_horizon_reaches_to_where_the_motion_leaves_the_record():
 
     assert reach(heights) == reach(wild) == 1.0
     assert reach(gone) == times[11] and reach(gone, least=0.9) == 0.9
+
+
+def test_windows_tied_together_end_at_the_same_minimum(record, near):
+    """Assert that multiple shooting goes home too, and that its last windows, a little freer than one motion, fit a
+    little better than it."""
+    shooting = MultipleShooting(windows=3, continuity=(1.0, 10.0))
+    found = fit(ElasticStop(**NEAR), record, strategy=shooting, **STOP)
+    np.testing.assert_allclose(found.values, near.values, rtol=1e-3)
+    windows = [line.loss for line in found.history if line.stage == "continuity 10" and line.accepted]
+    assert 0.9 * near.loss < windows[-1] < near.loss * (1 + 1e-3)
+
+
+def test_windows_begin_away_from_impacts(record, near):
+    """Assert that no window begins within two samples of an impact of the fitted motion, for any number of windows,
+    and that the velocities read off the record there are the motion's."""
+    problem = prepare.problem(near.scene, record, Numerics(1e-8, 1e-8, 64, 1024), parameters=["distance"])
+    impacts = np.asarray(near.trajectory.events.time)[:5]
+    for windows in (2, 4, 8):
+        edges = edges_away_from_kinks(problem, windows)
+        assert edges.shape == (windows - 1,) and np.all(np.diff(edges) > 0)
+        assert np.min(np.abs(record.times[edges][:, None] - impacts)) > 0.2
+        slopes = parabolas(problem, 0).slope[edges]
+        np.testing.assert_allclose(slopes, np.asarray(near.trajectory.v)[edges, 0], atol=0.2)
 
 
 def _after_first_impact(times):

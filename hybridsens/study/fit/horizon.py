@@ -19,7 +19,8 @@ class GrowingHorizon(eqx.Module):
     """Fit the beginning first; after every step the horizon reaches as far as the motion follows the record.
 
     Use it when the guess loses the phase within the horizon. No stage is polished: with Levenberg-Marquardt one
-    accepted step each is enough. Gradient descents (Adam, L-BFGS) want more `steps`.
+    accepted step each is enough. Gradient descents (Adam, L-BFGS) want more `steps`, and so do chaotic motions, with a
+    smaller `first` and `trust`.
     """
 
     first: float = eqx.field(static=True, default=0.2)

@@ -97,7 +97,7 @@ class Problem(eqx.Module):
         trajectory = self.motion(scene, adjoint)
         seen = (self._observed(scene, trajectory) - self.data.values) * self.data.weights
         seen = seen * (self.data.times <= self.horizon)[:, None]
-        parts = [self._limited(jnp.ravel(seen)), self._limited(self._event_residuals(trajectory.events))]
+        parts = [self.limited(jnp.ravel(seen)), self.limited(self._event_residuals(trajectory.events))]
         parts += [(self.selection.to_values(z) - self.prior.mean) * self.prior.weight]
         r = jnp.concatenate([*parts, (z - self.prior.anchor) * self.prior.anchor_weight])
         failed = (trajectory.status != Status.successful) | ~jnp.all(jnp.isfinite(r))
@@ -135,6 +135,6 @@ class Problem(eqx.Module):
         times = jnp.where(jnp.any(match, axis=1), events.time[jnp.argmax(match, axis=1)], self.horizon)
         return (times - data.event_times) * data.event_weights * (data.event_times <= self.horizon)
 
-    def _limited(self, r):
+    def limited(self, r):
         """Residuals whose squares are c^2 (2 sqrt(1 + (r/c)^2) - 2): large ones count linearly."""
         return r * jnp.sqrt(2 / (1 + jnp.sqrt(1 + (r / self.robust) ** 2)))

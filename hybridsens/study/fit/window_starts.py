@@ -18,6 +18,8 @@ class Parabolas(NamedTuple):
     slope: np.ndarray
     misfit: np.ndarray
     """Root mean square of what is left; large where an impact is near."""
+    reach: np.ndarray
+    """How far away the farthest of the seven is [s]; large beside a gap in the data."""
 
 
 def edges_away_from_kinks(problem: Problem, windows: int) -> np.ndarray:
@@ -27,7 +29,7 @@ def edges_away_from_kinks(problem: Problem, windows: int) -> np.ndarray:
     """
     samples = problem.data.times.shape[0]
     nominal = np.round(samples * np.arange(1, windows) / windows).astype(int)
-    rough = [parabolas(problem, column).misfit / _spread(problem, column) for column, _ in _coordinates(problem)]
+    rough = [_roughness(problem, column) for column, _ in _coordinates(problem)]
     if not rough:
         return nominal
     reach = samples // (4 * windows)
@@ -58,9 +60,9 @@ def parabolas(problem: Problem, column: int) -> Parabolas:
     return Parabolas(*np.array([_parabola(times[n] - t, values[n]) for t, n in zip(at, near, strict=True)]).T)
 
 
-def _parabola(t: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+def _parabola(t: np.ndarray, y: np.ndarray) -> tuple[float, float, float, float]:
     c = np.polynomial.Polynomial.fit(t, y, min(2, t.size - 1))
-    return c(0.0), c.deriv()(0.0), float(np.sqrt(np.mean((c(t) - y) ** 2)))
+    return c(0.0), c.deriv()(0.0), float(np.sqrt(np.mean((c(t) - y) ** 2))), np.max(np.abs(t))
 
 
 def _coordinates(problem: Problem) -> list[tuple[int, int]]:
@@ -68,6 +70,8 @@ def _coordinates(problem: Problem) -> list[tuple[int, int]]:
     return list(enumerate(problem.observe.picks)) if isinstance(problem.observe, StateObserver) else []
 
 
-def _spread(problem: Problem, column: int) -> float:
-    known = np.asarray(problem.data.weights)[:, column] > 0
-    return float(np.std(np.asarray(problem.data.values)[known, column])) or 1.0
+def _roughness(problem: Problem, column: int) -> np.ndarray:
+    """Misfits of parabolas in spreads of the column; inf beside gaps in the data."""
+    around, known = parabolas(problem, column), np.asarray(problem.data.weights)[:, column] > 0
+    spread = float(np.std(np.asarray(problem.data.values)[known, column])) or 1.0
+    return np.where(around.reach < 1.5 * np.median(around.reach), around.misfit / spread, np.inf)

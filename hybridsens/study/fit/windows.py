@@ -57,7 +57,7 @@ class ShootingProblem(eqx.Module):
             adjoint=adjoint, throw=False,
         )  # fmt: skip
         seen = jax.vmap(problem.observe, in_axes=(None, 0, 0, 0))(scene, ts, trajectory.q, trajectory.v)
-        r = (seen - problem.data.values[places]) * problem.data.weights[places] * inside[:, None]
+        r = problem.limited((seen - problem.data.values[places]) * problem.data.weights[places] * inside[:, None])
         end = jnp.concatenate([trajectory.final.q, trajectory.final.v])
         return r, end, trajectory.status, trajectory.events.kind, trajectory.events.contact
 
