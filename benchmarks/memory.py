@@ -20,7 +20,9 @@ from pathlib import Path
 
 from .machine import describe
 
-METHODS = ("Replay()", "ForwardSensitivities()", "ContinuousCostate()", "DiffraxAdjoint()")
+METHODS = (
+    "Replay()", "Replay(recompute=True)", "ForwardSensitivities()", "ContinuousCostate()", "DiffraxAdjoint()",
+)  # fmt: skip
 COLUMNS = ("method", "plan", "running", "compiling", "error", "seconds", "impacts", "failure")
 GRAVITY = 9.81
 
