@@ -39,14 +39,14 @@ def violations(given: Draw, trajectory: hs.Trajectory) -> dict[str, float]:
     samples = [np.asarray(part)[reached] for part in (trajectory.ts, trajectory.q, trajectory.v)]
     length = 1 + np.max(np.abs(samples[1]), initial=0.0)
     found = {"penetration": max(0.0, -float(np.min(gaps(scene, *samples[:2])[0]))) / length}
-    found |= _at_impacts(scene, events)
+    found |= _at_impacts(scene, events, motion_goes_on=bool(trajectory.status == hs.Status.max_events_reached))
     found["order of events"] = float(np.max(-np.diff(events["time"]), initial=0.0))
     if given.passive:
         found |= _energies(given, events, samples)
     return found
 
 
-def _at_impacts(scene: RandomScene, events) -> dict[str, float]:
+def _at_impacts(scene: RandomScene, events, motion_goes_on: bool) -> dict[str, float]:
     t, q = events["time"], events["before"].q
     if len(t) == 0:
         return {}
@@ -61,7 +61,7 @@ def _at_impacts(scene: RandomScene, events) -> dict[str, float]:
     e = np.asarray(scene.e)
     struck = impulse > 0
     newton = np.where(struck, np.minimum(np.abs(after + e * before), np.abs(after)), 0)
-    last = np.append(np.diff(t) > 1e-12, True)  # of the events at one instant
+    last = np.append(np.diff(t) > 1e-12, not motion_goes_on)  # of the events at one instant
     closed = struck.any(1)[:, None] & last[:, None] & (np.abs(gap) < 1e-13)
     opens = np.where(closed, np.maximum(-after, 0), 0)
     size = 1 + np.max(np.abs(impulse))
