@@ -36,6 +36,7 @@ def simulate(
     atol: float | Array = 1e-8,
     max_events: int = 256,
     max_steps: int = 4096,
+    max_step: float | Array | None = None,
     capture_speed: float | None = None,
     adjoint: AbstractGradientMethod | None = None,
     throw: bool = True,
@@ -61,23 +62,27 @@ def simulate(
       their stages unrolled.
     - `rtol`, `atol`: tolerances of the error control per step.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
+    - `max_step`: longest step [s]. A gap is looked at where steps end: give the time that a thin obstacle takes to
+      pass, or a short dip of a gap lasts, if the error control alone may step over it.
     - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of
       impacts:
       the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
-    - `adjoint`: `Replay()` (default, reverse mode) or `ForwardSensitivities()` (forward mode).
+    - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
+      `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (per lane of a batch).
 
     Raises: ValueError or TypeError for what does not fit (shapes, types); `SimulationError` for what only the values
     show.
     """
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
+    max_step = None if max_step is None else real_tolerance("max_step", max_step)
     rtol, atol = real_tolerance("rtol", rtol), real_tolerance("atol", atol)
     _check_settings(max_events, max_steps, solver, adjoint, capture_speed, throw)
     check_shapes(scene, state, running_cost)
     scene, running_cost = lift_closures(scene, running_cost, t0, state)
     dtype = state.q.dtype
     adjoint = adjoint or Replay()
-    room = max_events, max_steps, _segment_steps(adjoint, ts)
+    room = max_events, max_steps, _segment_steps(adjoint, ts), max_step
     method = Method(solver or diffrax.Tsit5(), *_tolerances(rtol, atol, dtype), *room)
     capture_speed = default_capture_speed(dtype) if capture_speed is None else float(capture_speed)
     system = MechanicalSystem(scene, running_cost, capture_speed, state.q.shape[0], (method.rtol, method.atol))

@@ -12,12 +12,13 @@ FRONT = {"status", "simulate", "solve", "trajectory", "batching", "traced_once"}
 BELOW = {"hybrid", "mechanics", "forward", "adjoint", "configure", "precision", "scenes"} | FRONT
 MAY_IMPORT = {
     "status": set(),
+    "short": set(),
     "hybrid": {"status"},
     "configure": set(),
     "precision": set(),
     "batching": set(),
-    "mechanics": {"hybrid", "precision", "status"},
-    "forward": {"hybrid", "precision", "status"},
+    "mechanics": {"hybrid", "precision", "status", "short"},
+    "forward": {"hybrid", "precision", "status", "short"},
     "adjoint": {"hybrid", "forward", "precision"},
     "traced_once": {"hybrid"},
     "solve": {"hybrid", "forward", "adjoint", "batching", "traced_once", "precision", "status"},

@@ -67,15 +67,19 @@ def _continuous_costate(method: ContinuousCostate, solver) -> StepAdjoint:
         control = diffrax.PIDController(rtol=method.rtol, atol=method.atol)
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(backward), diffrax.Tsit5(), jnp.zeros_like(t0), t1 - t0, None, start,
-            stepsize_controller=control, adjoint=diffrax.ForwardMode(), max_steps=None, throw=False,
+            stepsize_controller=control, adjoint=diffrax.ForwardMode(), max_steps=MOST_STEPS, throw=False,
         )  # fmt: skip
-        came_back, psi, by_parameters = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
+        reached = jnp.where(solution.result == diffrax.RESULTS.successful, 1.0, jnp.nan)
+        came_back, psi, by_parameters = jax.tree.map(lambda leaf: reached * leaf[-1], solution.ys)
         if method.state == "backward":
             _warn_of_drift(method, came_back, x0)
         return by_parameters, psi
 
     return adjoint
 
+
+MOST_STEPS = 4096
+"""How many steps psi may take over one recorded step; one that needs more makes the gradient nan."""
 
 MOST_DRIFT = 1e3
 """By how many times its tolerance a state that is integrated backward over a step may miss the recorded one."""

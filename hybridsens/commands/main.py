@@ -44,7 +44,7 @@ def run(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         return app(arguments or ["--help"], prog_name="hybridsens", standalone_mode=False) or 0
-    except (typer.TyperException, SimulationError, ValueError, OSError) as error:
+    except (typer.TyperException, SimulationError, ValueError, OSError, ImportError) as error:
         message = getattr(error, "format_message", error.__str__)()
         print(f"hybridsens: {' '.join(message.split())}", file=sys.stderr)
         return getattr(error, "exit_code", 1)

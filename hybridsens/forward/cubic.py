@@ -5,6 +5,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..precision import rounding
+from ..short import any_of
 
 UNSURE = 0.01
 """How far a guard's cubic may be from the guard itself, relative to the end values that it is made from."""
@@ -29,7 +30,7 @@ def first_falling_root(
     below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | narrow
     never = jnp.full_like(g0, jnp.inf)
     found = lambda: [jnp.where(below, s, never) for s in _falling_root(g0, d0, g1, d1, noise)]
-    root, miss = lax.cond(jnp.any(below), found, lambda: [never, never])
+    root, miss = lax.cond(any_of(below), found, lambda: [never, never])
     return root, miss
 
 
@@ -72,7 +73,24 @@ def hides_a_dip(
     rounded = rounding(g0.dtype) * (jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1)) + noise
     # A guard that is just being left is small at first for a good reason: only its end can be compared.
     clearance = jnp.where(g0 <= rounded, g1, lowest / 2)
-    return jnp.any((bend > clearance) & (bend > rounded))
+    return any_of((bend > clearance) & (bend > rounded))
+
+
+def tangents_meet_below(
+    g0: Float[Array, "guard"],
+    d0: Float[Array, "guard"],
+    g1: Float[Array, "guard"],
+    d1: Float[Array, "guard"],
+    noise: Float[Array, "guard"],
+) -> Float[Array, "guard"]:
+    """Where the tangents at both ends of a step meet, if that is below zero; inf elsewhere.
+
+    A convex guard lies above its tangents, so one that meets a tip or a thin body dips below zero near there. The cubic
+    cannot know: that of |s - 1/2| stays above 1/4.
+    """
+    valley = (d0 < 0) & (d1 > 0) & (g0 > noise) & (g1 > noise)
+    s = (g1 - d1 - g0) / jnp.where(valley, d0 - d1, 1)
+    return jnp.where(valley & (g0 + s * d0 < -noise) & (s > 0.01) & (s < 0.99), s, jnp.inf)
 
 
 def _stationary_points(a, b, d0):

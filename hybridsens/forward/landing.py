@@ -14,7 +14,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..precision import closeness, rounding, time_resolution
-from .cubic import first_falling_root, hides_a_dip
+from ..short import all_of, any_of, smallest
+from .cubic import first_falling_root, hides_a_dip, tangents_meet_below
 from .record import StepRecord
 
 
@@ -118,23 +119,26 @@ class LandingController(diffrax.AbstractStepSizeController):
         end = jnp.where(rising, 0, guard + state.noise)
         root, miss = first_falling_root(state.guard, state.rate * h, end, rate * h, self.start.rounding)
         unresolved = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
-        t_root = t0 + jnp.min(jnp.where(on_guard | unresolved, jnp.inf, root), initial=jnp.inf) * h
+        t_root = t0 + smallest(jnp.where(on_guard | unresolved, jnp.inf, root)) * h
         crossed = t_root < self.end - time_resolution(t1, 3)
         long = h > time_resolution(t0, 8)
         bottom = jnp.where(rising, 0, guard)
         unsure = self.start.rounding + state.noise
         doubtful = ~crossed & long & hides_a_dip(state.guard, state.rate * h, bottom, rate * h, unsure)
-        known = jnp.all(jnp.isfinite(guard))  # a guard that is no number would never fall
+        valley = smallest(tangents_meet_below(state.guard, state.rate * h, bottom, rate * h, unsure))
+        sharp = ~crossed & long & jnp.isfinite(valley)
+        known = all_of(jnp.isfinite(guard))  # a guard that is no number would never fall
         cut = accurate & crossed & known
-        keep = accurate & ~crossed & ~doubtful & known
-        landed = keep & jnp.any(on_guard)
+        keep = accurate & ~crossed & ~doubtful & ~sharp & known
+        landed = keep & any_of(on_guard)
 
         # A step that was cut and fell short of the guard is kept, and the next one aims at the guard by its rate.
-        to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
+        to_go = smallest(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf))
         short = keep & (state.cuts > 0) & (to_go < 0.1 * h)
         next_t1 = jnp.where(short, t1 + to_go, next_t1)
         next_t1 = jnp.where(cut, jnp.maximum(t_root, t0 + time_resolution(t0, 0)), next_t1)
         next_t1 = jnp.where(accurate & (doubtful | ~known), t0 + h / 2, next_t1)
+        next_t1 = jnp.where(accurate & sharp & known, t0 + valley * h, next_t1)
         next_t0 = jnp.where(keep, t1, t0)
 
         error_control_step = jnp.where(accurate, jnp.where(cut, h, next_t1 - next_t0), state.free_step)
@@ -148,8 +152,8 @@ class LandingController(diffrax.AbstractStepSizeController):
             free_step=jnp.where(state.cuts > 0, state.free_step, error_control_step),
             rejected=state.rejected + ~keep,
             fired=first_to_fall(on_guard, guard, rate),
-            grazing=state.grazing | (accurate & jnp.any(miss <= system.grazing_depth(mode))),
-            finite=jnp.all(jnp.isfinite(y1_candidate)) & known,
+            grazing=state.grazing | (accurate & any_of(miss <= system.grazing_depth(mode))),
+            finite=all_of(jnp.isfinite(y1_candidate)) & known,
         )
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, keep, landed, new)
 

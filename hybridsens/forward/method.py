@@ -20,10 +20,13 @@ class Method(eqx.Module):
     segment_steps: int | None = eqx.field(default=None, static=True)
     """Steps are not recorded, and no segment has more than this; None: all are recorded."""
 
+    max_step: Any = None
+    """Longest step; None for as long as the error control allows."""
+
     def stepper(self, operations: int) -> Stepper:
         """Solver and error control of the forward pass, for a flow of so many operations."""
         solver = prepare_solver(self.solver, self.rtol, self.atol, "lax", operations)
-        control = diffrax.PIDController(rtol=self.rtol, atol=self.atol)
+        control = diffrax.PIDController(rtol=self.rtol, atol=self.atol, dtmax=self.max_step)
         return Stepper(solver, control, self.max_steps, self.segment_steps or self.max_steps)
 
     def replay_solver(self, operations: int) -> diffrax.AbstractSolver:

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..hybrid import AbstractHybridSystem
+from ..short import any_of
 from ..status import Status
 from .landing import LandingController, LandingState, first_to_fall, guards_at_start
 from .record import Motion
@@ -35,7 +36,7 @@ class SegmentEnd(eqx.Module):
 def solve_segment(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Motion) -> tuple[Motion, SegmentEnd]:
     """Integrate from where the motion stands until the first event or t1; its beginning is an event too."""
     start = guards_at_start(system, motion.t, motion.x, motion.mode)
-    at_once = jnp.any(start.fired) | ~motion.begun
+    at_once = any_of(start.fired) | ~motion.begun
     solution = diffrax.diffeqsolve(
         TERM,
         stepper.solver,

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..short import all_of
 from ..status import Status
 from .dense import pivots
 from .mode import ContactMode, gap_tolerance
@@ -82,10 +83,10 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status
     symmetric = jnp.max(jnp.abs(mass_matrix - mass_matrix.T)) <= 1e3 * jnp.finfo(q.dtype).eps * size
     values = jnp.concatenate([q, v, jnp.ravel(mass_matrix), gap, scene.force(t, q, v), t[None]])
     requirements = (
-        (Status.penetration, (event >= 0) | jnp.all(gap >= -gap_tolerance(mode.length))),
-        (Status.bad_restitution, jnp.all((e >= 0) & (e <= 1))),
-        (Status.bad_mass_matrix, symmetric & jnp.all(pivots(mass_matrix) > 0)),
-        (Status.non_finite, jnp.all(jnp.isfinite(values))),
+        (Status.penetration, (event >= 0) | all_of(gap >= -gap_tolerance(mode.length))),
+        (Status.bad_restitution, all_of((e >= 0) & (e <= 1))),
+        (Status.bad_mass_matrix, symmetric & all_of(pivots(mass_matrix) > 0)),
+        (Status.non_finite, all_of(jnp.isfinite(values))),
     )
     status = Status.running
     for failure, fits in requirements:

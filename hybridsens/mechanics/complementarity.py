@@ -6,6 +6,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..precision import closeness
+from ..short import all_of, product
 from .dense import solve_masked
 
 
@@ -33,7 +34,7 @@ def complementarity_support(
         return candidates & (vector < -noise)
 
     def take_in(S, x):
-        residual = matrix @ x + vector
+        residual = product(matrix, x) + vector
         violation = jnp.where(candidates & ~S & _independent(matrix, S), residual + noise, jnp.inf)
         worst = jnp.argmin(violation)
         finished = violation[worst] >= 0
@@ -50,7 +51,7 @@ def complementarity_support(
     def body(carry):
         S, x, _, count = carry
         target = solve_masked(matrix, -vector, S.astype(vector.dtype))
-        feasible = jnp.all(~S | (target > 0))
+        feasible = all_of(~S | (target > 0))
         S_out, x_out = let_go(S, x, target)
         S_in, finished = take_in(S, target)
         S_next = jnp.where(feasible, S_in, S_out)

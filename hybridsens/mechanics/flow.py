@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from ..short import any_of
 from .contact import contact_geometry, gap_and_rate, gap_rate_and_bias
 from .dense import solve_masked, solve_spd
 from .scene import AbstractScene
@@ -35,7 +36,7 @@ def acceleration(scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]) 
     if not scene.sustained_contact or active.shape[0] == 0:
         return free
     return free + lax.cond(
-        jnp.any(active),
+        any_of(active),
         lambda: contact_multiplier(scene, t, q, v, free, active)[1],
         lambda: jnp.zeros_like(free),
     )

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..precision import closeness
+from ..short import product
 from .complementarity import complementarity_support
 from .contact import ContactGeometry, gap_and_rate, gap_rate_and_bias
 from .dense import solve_masked
@@ -67,9 +68,9 @@ def gauss_selection(
     still = closed & (jnp.abs(rate) <= slowest)
     free = free_acceleration(scene, t, q, v)
     _, bias = gap_rate_and_bias(scene, t, q, v)
-    gap_acceleration = geometry.jacobian @ free + bias
-    noise = tolerance * (jnp.abs(geometry.jacobian) @ jnp.abs(free) + jnp.abs(bias))
+    gap_acceleration = product(geometry.jacobian, free) + bias
+    noise = tolerance * (product(jnp.abs(geometry.jacobian), jnp.abs(free)) + jnp.abs(bias))
     active = complementarity_support(geometry.delassus_matrix, gap_acceleration, still, noise)
     multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
-    left_over = gap_acceleration + geometry.delassus_matrix @ multiplier
+    left_over = gap_acceleration + product(geometry.delassus_matrix, multiplier)
     return Selection(active, still & ~active & (left_over <= noise))

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..hybrid import Decision
 from ..precision import closeness, rounding, time_resolution
+from ..short import any_of, product
 from ..status import Status
 from .checks import may_begin
 from .contact import ContactGeometry, contact_geometry, gap_and_rate, gap_rate_and_bias
@@ -102,7 +103,7 @@ def _meet(scene: AbstractScene, atol, event, t, q, v, mode: ContactMode) -> tupl
     tolerance = gap_tolerance(mode.length)
     start = event < 0
     fired = jnp.arange(gap.shape[0]) == event
-    is_release = jnp.any(fired & mode.active)
+    is_release = any_of(fired & mode.active)
     touching = _touching(geometry, event, gap, tolerance + time_resolution(t, 2) * jnp.abs(rate))
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
     closed = jnp.where(is_release, held & ~fired, held | fired | touching)
@@ -119,10 +120,10 @@ def _bounce(scene: AbstractScene, meeting: Meeting, event, t, q, v, mode: Contac
     geometry, rate, struck = meeting.geometry, meeting.rate, meeting.struck
     e, nobody = scene.restitution(), jnp.zeros_like(struck)
     support = impulse_support(geometry, rate, e, struck, mode.speed)
-    v_after = v + geometry.mobility @ transition_impulse(geometry, rate, e, support, nobody)
+    v_after = v + product(geometry.mobility, transition_impulse(geometry, rate, e, support, nobody))
     hop = _hop(scene, t, q, v_after, meeting.gap_acceleration, struck)
     stays = struck & (jnp.maximum(-e * rate, 0) <= meeting.unseen) & (meeting.gap_acceleration < 0) & meeting.fired
-    status = Status.where(jnp.any(stays), Status.contact_stays_closed, status)
+    status = Status.where(any_of(stays), Status.contact_stays_closed, status)
     detail = ImpactDetail(meeting.fired, support, nobody, nobody)
     return Decision(mode, jnp.asarray(EventKind.IMPACT), detail, grazing, status, hop)
 
@@ -147,7 +148,7 @@ def _apply_laws(scene: AbstractScene, capture_speed: float, meeting: Meeting, t,
     def turn(k, last: Outcome) -> Outcome:
         restitution = jnp.where(last.plastic, 0, e)
         support = impulse_support(geometry, rate, restitution, struck, mode.speed)
-        v_after = v + geometry.mobility @ transition_impulse(geometry, rate, restitution, support, last.settled)
+        v_after = v + product(geometry.mobility, transition_impulse(geometry, rate, restitution, support, last.settled))
         together = (k == 2) & (not alone)
         who, limit = meeting.closed, still
         if not alone:
@@ -155,7 +156,7 @@ def _apply_laws(scene: AbstractScene, capture_speed: float, meeting: Meeting, t,
             who, limit = jnp.where(together, struck, who), jnp.where(together, jnp.maximum(still, slow_to_leave), still)
         selection = gauss_selection(scene, geometry, t, q, v_after, who, limit)
         plastic = jnp.where(k == 0, slow & selection.active, last.plastic)
-        more = jnp.any(selection.active & ~last.selection.active)
+        more = any_of(selection.active & ~last.selection.active)
         settled = jnp.where(together, selection.active & more, last.settled)
         return Outcome(plastic, support, settled, v_after, selection)
 
@@ -172,7 +173,7 @@ def _slow_leave(scene: AbstractScene, meeting: Meeting, t, q, v, mode: ContactMo
 def _gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v, mode: ContactMode):
     """Phi'' = G^T v' + gamma in a mode."""
     _, bias = gap_rate_and_bias(scene, t, q, v)
-    return geometry.jacobian @ acceleration(scene, t, q, v, mode.active) + bias
+    return product(geometry.jacobian, acceleration(scene, t, q, v, mode.active)) + bias
 
 
 def _hop(scene: AbstractScene, t, q, v, gap_acceleration, leaving):
@@ -204,7 +205,7 @@ def _wider_scales(mode: ContactMode, geometry: ContactGeometry, q, v, atol) -> C
     size = jnp.abs(geometry.jacobian)
     floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
     length, speed = (
-        jnp.maximum(jnp.maximum(known, floor), size @ jnp.abs(of))
+        jnp.maximum(jnp.maximum(known, floor), product(size, jnp.abs(of)))
         for known, of in ((mode.length, q), (mode.speed, v))
     )
     return dataclasses.replace(mode, length=length, speed=speed)

@@ -10,6 +10,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..hybrid import AbstractHybridSystem, Decision
+from ..short import any_of
 from .contact import contact_geometry, gap_and_rate
 from .flow import acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import transition_impulse
@@ -59,7 +60,7 @@ class MechanicalSystem(AbstractHybridSystem):
         if not self.scene.sustained_contact:
             return gap
         return lax.cond(
-            jnp.any(mode.active),
+            any_of(mode.active),
             lambda: jnp.where(mode.active, multipliers(self.scene, t, q, v, mode.active), gap),
             lambda: gap,
         )
@@ -76,7 +77,7 @@ class MechanicalSystem(AbstractHybridSystem):
             multiplier, multiplier_rate = multipliers_and_rates(self.scene, t, q, v, mode.active)
             return jnp.where(mode.active, multiplier, gap), jnp.where(mode.active, multiplier_rate, rate)
 
-        return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
+        return lax.cond(any_of(mode.active), with_multipliers, lambda: (gap, rate))
 
     def scales(self, t, x, mode: ContactMode):
         """|G|^T |q| and |G|^T |v|, the largest so far; a multiplier's scale is not known and counts as 0."""
@@ -117,4 +118,4 @@ class MechanicalSystem(AbstractHybridSystem):
             q, v, z = self.split(x)
             return jnp.concatenate([*project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap), z])
 
-        return lax.cond(jnp.any(mode.active), projected, lambda: x)
+        return lax.cond(any_of(mode.active), projected, lambda: x)
