@@ -3,13 +3,17 @@
     python -m benchmarks.gradient_cost             # reference problems, batches, shipped scenes, no contacts at all
     python -m benchmarks.gradient_cost --quick     # P2 alone
 
-One run on one machine, so compare the ratios. Compile times stand apart. Rows also go to results/gradient_cost.csv.
+One run on one machine, so compare the ratios. Compile times stand apart. The plain chain of Diffrax events is timed
+twice: under the settings of `hybridsens.configure()`, which help it too, and in a process of its own under JAX's own
+settings, as somebody without this package runs it. Rows also go to results/gradient_cost.csv.
 """
 
 import argparse
 import csv
 import json
 import statistics
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -57,12 +61,30 @@ def problem_row(problem: str) -> dict:
         "compile_s": compile_seconds, "gradient_error": error, "chain_us": plain * 1e6, "chain/ours": plain / gradient,
         "chain_compile_s": plain_compile,
     }  # fmt: skip
+    as_installed = chain_under_default_settings(problem)
+    row |= {"default_chain_us": as_installed * 1e6, "default_chain/ours": as_installed / gradient}
     if casadi_c.available() is None and problem != "P3":
         best = min(_casadi_seconds(problem, known.parameters, mode) for mode in ("adjoint", "forward"))
         row |= {"casadi_us": best * 1e6, "casadi/ours": best / gradient}
     elif problem != "P3":
         row |= {"casadi_us": casadi_c.available()}
     return row
+
+
+def chain_under_default_settings(problem: str) -> float:
+    """Seconds per gradient of the plain chain in a process where only double precision was asked for."""
+    asked = [sys.executable, "-m", "benchmarks.gradient_cost", f"--chain-alone={problem}"]
+    return float(subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()[-1])
+
+
+def chain_alone(problem: str) -> float:
+    """The same, in this process."""
+    import jax
+    import jax.numpy as jnp
+
+    jax.config.update("jax_enable_x64", True)
+    chain = lambda p: diffrax_chain.cost(problem, p, TOLERANCE)
+    return timed(jax.jit(jax.value_and_grad(chain)), jnp.asarray(reference.load(problem).parameters))[0]
 
 
 def _casadi_seconds(problem: str, parameters, mode: str) -> float:
@@ -133,7 +155,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="P2 alone")
     parser.add_argument("--lanes", type=int, default=1000)
+    parser.add_argument("--chain-alone", metavar="PROBLEM", help="only the plain chain, under JAX's own settings")
     quick, lanes = (arguments := parser.parse_args()).quick, arguments.lanes
+    if arguments.chain_alone:
+        print(chain_alone(arguments.chain_alone))
+        return
     hs.configure()
     print(json.dumps(describe()))
     rows = [show(problem_row(problem)) for problem in (["P2"] if quick else ["P2", "P1", "P3", "P4"])]

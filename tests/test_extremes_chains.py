@@ -78,6 +78,14 @@ def test_a_bead_hits_a_tip_of_any_radius(radius):
     assert_close(slope, np.array([2.4, 2 * 0.8 - 2 * 0.36 / 0.8]), 1e-9)
 
 
+def test_a_thin_spike_is_met_by_steps_no_longer_than_it_is_wide():
+    """`max_step` is the way to say how long the shortest dip of a gap lasts."""
+    width = 0.01
+    motion = small_gaps.fly(jnp.array(width), jnp.array(width))
+    assert motion.events.count == 1
+    assert_close(motion.final.q, np.array([2 * (0.6 - width * np.sqrt(np.log(2))) - 1]), 1e-12)
+
+
 class Switched(hs.AbstractScene):
     """q'' = +1, from `when` on -1: a force with a jump in time that nobody declares."""
 

@@ -76,7 +76,7 @@ def in_a_corner() -> list[Row]:
 
 
 def horizons() -> list[Row]:
-    """A clock far from zero, a horizon of 1e-12, and 1e4 periods of an oscillator that never meets its stop."""
+    """A clock far from zero, a horizon of 1e-12, and 1,000 periods of an oscillator that never meets its stop."""
     rows = []
     for start in (1e3, 1e6, 1e9):
         _, _, motion = one.go(one.make(-GRAVITY), 1.0, 0.0, start + 3.0, start)
@@ -84,10 +84,10 @@ def horizons() -> list[Row]:
         rows.append(Row("late clock", "at rest on the floor, start", start, error, status_name(motion)))
     _, _, motion = one.go(one.make(-GRAVITY), 1.0, 0.0, 1e-12)
     rows.append(Row("horizon", "place after", 1e-12, abs(float(motion.final.q[0]) - 1.0), status_name(motion)))
-    t1 = 2e4 * np.pi
-    _, _, motion = one.go(one.make(0, 1, -1, 2), 1.0, 0.0, t1, max_events=2**18)
+    t1 = 2e3 * np.pi
+    _, _, motion = one.go(one.make(0, 1, -1, 2), 1.0, 0.0, t1, max_events=2**16)
     error = abs(float(motion.final.q[0]) - 1.0)
-    rows.append(Row("horizon", "place after 10,000 periods", t1, error, status_name(motion)))
+    rows.append(Row("horizon", "place after 1,000 periods", t1, error, status_name(motion)))
     return rows
 
 
