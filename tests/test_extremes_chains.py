@@ -16,8 +16,8 @@ def test_two_thousand_impacts_keep_energy_time_and_gradient():
     """An elastic ball: no impact missed, energy and event times to 1e-10, the gradient to 1e-7 of the closed form."""
     count = 2000
     horizon = (2 * count - 0.5) * np.sqrt(2 / long_chains.GRAVITY)
-    final_height = long_chains._final_height(count, horizon)
-    (_, motion), slope = jax.jit(jax.value_and_grad(final_height, has_aux=True))(jnp.array(1.0))
+    height = long_chains.final_height_of(count, horizon)
+    (_, motion), slope = jax.jit(jax.value_and_grad(height, has_aux=True))(jnp.array(1.0))
     errors = long_chains.chain_errors(motion, count)
     assert motion.status == hs.Status.successful
     assert errors["impacts missed or made up"] == 0

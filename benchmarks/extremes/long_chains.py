@@ -22,7 +22,7 @@ def study(impacts: list[int]) -> list[Row]:
     rows, base = [], None
     for count in impacts:
         horizon = (2 * count - 0.5) * np.sqrt(2 / GRAVITY)
-        compiled = jax.jit(jax.value_and_grad(_final_height(count, horizon), has_aux=True)).lower(1.0).compile()
+        compiled = jax.jit(jax.value_and_grad(final_height_of(count, horizon), has_aux=True)).lower(1.0).compile()
         start = time.perf_counter()
         (_, motion), slope = jax.block_until_ready(compiled(jnp.array(1.0)))
         plan = compiled.memory_analysis()
@@ -37,7 +37,7 @@ def study(impacts: list[int]) -> list[Row]:
     return rows
 
 
-def _final_height(count: int, horizon: float):
+def final_height_of(count: int, horizon: float):
     def final_height(height):
         scene = BouncingBall(height=height, restitution_coefficient=1.0)
         motion = hs.simulate(

@@ -147,9 +147,9 @@ def spikes() -> list[Row]:
         for max_step in (None, width):
             motion = fly(jnp.array(width), None if max_step is None else jnp.array(max_step))
             error = abs(float(motion.final.q[0]) - (2 * turn - 1))
-            seen = "seen" if int(motion.events.count) else "stepped over"
-            how = "" if max_step is None else "max_step = width, "
-            rows.append(Row("thin spike", f"place at the end ({how}{seen})", width, error, status_name(motion)))
+            ends = status_name(motion) if int(motion.events.count) else "stepped over"
+            how = "" if max_step is None else ", max_step = width"
+            rows.append(Row("thin spike", f"place at the end{how}", width, error, ends))
     return rows
 
 
