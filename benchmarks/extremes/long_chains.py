@@ -38,6 +38,7 @@ def study(impacts: list[int]) -> list[Row]:
 
 
 def final_height_of(count: int, horizon: float):
+    """Where the ball is at the horizon, as a function of the height that it is dropped from, and its motion."""
     def final_height(height):
         scene = BouncingBall(height=height, restitution_coefficient=1.0)
         motion = hs.simulate(
