@@ -60,12 +60,16 @@ def differences(name, field, index):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_reverse_agrees_with_forward(name):
-    """Both are derivatives of the same computed motion, so they agree to rounding."""
+    """Both are derivatives of the same computed motion, so they agree to rounding.
+
+    Times of gentle impacts are worse conditioned: rounding in a gap counts by how slowly it closes (the table's last
+    impact before capture is at 1e-4 of its first)."""
     _, reverse, _ = solved(name)
     forward = motions.forward(SCENES[name])(motions.inputs(scene(name)), jnp.asarray(TOLERANCE))
-    for found, expected in zip(reverse, forward, strict=True):
+    for what, found, expected in zip(motions.Observed._fields, reverse, forward, strict=True):
+        within = 1e-12 if what in ("cost", "final") else 1e-11
         for by, of in zip(found, expected, strict=True):
-            assert_close(by, of, 1e-12, scale=max(float(jnp.max(jnp.abs(expected.parameters))), 1e-3))
+            assert_close(by, of, within, scale=max(float(jnp.max(jnp.abs(expected.parameters))), 1e-3))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -64,6 +64,15 @@ def complementarity_support(
     return lax.while_loop(unfinished, body, jax.tree.map(jnp.asarray, start))[0]
 
 
+def independent_superset(
+    matrix: Float[Array, "n n"], S: Bool[Array, "n"], candidates: Bool[Array, "n"]
+) -> Bool[Array, "n"]:
+    """S and as many of the candidates as W keeps regular: what rests on three feet rests on the fourth."""
+    matrix = lax.stop_gradient(matrix)
+    take = lambda i, S: S.at[i].set(S[i] | (candidates[i] & _independent(matrix, S)[i]))
+    return lax.fori_loop(0, S.shape[0], take, S)
+
+
 def _independent(matrix, S):
     """Columns that do not depend on those of S: what is left of the diagonal of W when S is eliminated."""
     members = S.astype(matrix.dtype)

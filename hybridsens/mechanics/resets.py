@@ -13,6 +13,7 @@ from ..precision import closeness, rounding, time_resolution
 from ..short import any_of, product
 from ..status import Status
 from .checks import may_begin
+from .complementarity import independent_superset
 from .contact import ContactGeometry, contact_geometry, gap_and_rate, gap_rate_and_bias
 from .flow import acceleration
 from .laws import Selection, gauss_selection, impulse_support, transition_impulse
@@ -156,8 +157,12 @@ def _apply_laws(scene: AbstractScene, capture_speed: float, meeting: Meeting, t,
             who, limit = jnp.where(together, struck, who), jnp.where(together, jnp.maximum(still, slow_to_leave), still)
         selection = gauss_selection(scene, geometry, t, q, v_after, who, limit)
         plastic = jnp.where(k == 0, slow & selection.active, last.plastic)
-        more = any_of(selection.active & ~last.selection.active)
-        settled = jnp.where(together, selection.active & more, last.settled)
+        settled = last.settled
+        if not alone:
+            rests = selection.active | selection.resting
+            more = any_of(rests & ~(last.selection.active | last.selection.resting))
+            all_of_them = independent_superset(geometry.delassus_matrix, selection.active, rests)
+            settled = jnp.where(together, all_of_them & more, settled)
         return Outcome(plastic, support, settled, v_after, selection)
 
     start = Outcome(slow, nobody, nobody, v, Selection(nobody, nobody))
