@@ -122,3 +122,12 @@ def test_a_plate_dropped_flat_and_elastic_bounces_flat(table):
     expected = GRAVITY * fall * flight - GRAVITY * flight**2 / 2
     assert trajectory.events.count == 1
     assert_close(trajectory.final.q, np.array([expected, 0.0, 0.0]), 1e-13)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_a_plate_dropped_tilted_on_four_feet_comes_to_rest(e):
+    """Its feet strike and kick each other off until all are down; nothing is left of tilt or speed."""
+    trajectory = run(plate(FEET, e, 0.0), [1.0, 0.1, 0.07], [0.0, 0.0, 0.0], 6.0)
+    assert trajectory.status == hs.Status.successful
+    assert_close(trajectory.final.q, np.zeros(3), 1e-10, scale=1.0)
+    assert_close(trajectory.final.v, np.zeros(3), 1e-10, scale=1.0)
