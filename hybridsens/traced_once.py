@@ -1,6 +1,7 @@
 """A hybrid system whose functions are traced once and then looked up: tracing is a third of the time to compile."""
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from .hybrid import AbstractHybridSystem
 
@@ -32,7 +33,7 @@ class TracedOnce(AbstractHybridSystem):
         return self.system.decide(event, t, x, mode)
 
     def choose(self, event, t, x, mode):
-        return _choose(self.system, event, t, x, mode)
+        return _choose(self.system, jnp.asarray(event, int), t, x, mode)  # of one type, to be one trace
 
     def reset(self, decision, t, x):
         return _reset(self.system, decision, t, x)
