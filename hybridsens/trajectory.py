@@ -35,7 +35,8 @@ class Events(eqx.Module):
     after: State
     """States just after, (event, dof)."""
     impulse: Float[Array, "*batch event contact"]
-    """Impulses of all contacts that took part [N s]; zero at a release."""
+    """Impulses of all contacts that took part [N s]; zero at a release. Where several contacts settle together at the
+    end of a cascade, single ones may be negative, by 1e-5 of the largest of the cascade."""
     closing_speed: Float[Array, "*batch event"]
     """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at a release [m/s]."""
     count: Int[Array, "*batch"]
