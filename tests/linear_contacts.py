@@ -8,52 +8,30 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
 
 import hybridsens as hs
+from benchmarks.extremes.mass_ratios import FlatContacts, make
 
 FAR = ([0.0, 0.0, 0.0], 1.0)
 """A contact that is never reached: normal and offset."""
-
-
-class LinearContacts(hs.AbstractScene):
-    """diag(mass) q'' = force, gaps normals q + offsets."""
-
-    mass: Array
-    force_vector: Array
-    normals: Array
-    offsets: Array
-    e: Array
-
-    def mass_matrix(self, q):
-        return jnp.diag(self.mass)
-
-    def force(self, t, q, v):
-        return self.force_vector
-
-    def gap(self, t, q):
-        return self.normals @ q + self.offsets
-
-    def restitution(self):
-        return self.e
 
 
 class Motion(NamedTuple):
     """A motion and its derivatives."""
 
     trajectory: hs.Trajectory
-    by_scene: LinearContacts
+    by_scene: FlatContacts
     """d final (q, v) / d scene, six rows."""
     by_state: hs.State
     """d final (q, v) / d initial state."""
 
 
-def scene(contacts, e, force=(0.0, -10.0, 0.0), mass=(1.0, 1.0, 1.0)) -> LinearContacts:
+def scene(contacts, e, force=(0.0, -10.0, 0.0), mass=(1.0, 1.0, 1.0)) -> FlatContacts:
     """A scene from up to four (normal, offset); what is missing is far away."""
     contacts = [*contacts, *[FAR] * (4 - len(contacts))]
     e = [*e, *[0.0] * (4 - len(e))]
     normals, offsets = zip(*contacts, strict=True)
-    return LinearContacts(*(jnp.array(part, float) for part in (mass, force, normals, offsets, e)))
+    return make(mass, force, normals, offsets, e)
 
 
 @functools.cache
@@ -66,7 +44,7 @@ def _compiled():
     return jax.jit(jax.jacrev(final, argnums=(0, 1), has_aux=True))
 
 
-def solve(scene: LinearContacts, q, v, t1) -> Motion:
+def solve(scene: FlatContacts, q, v, t1) -> Motion:
     """The motion, which must be successful."""
     start = hs.State(jnp.array(q, float), jnp.array(v, float))
     (by_scene, by_state), trajectory = _compiled()(scene, start, jnp.asarray(t1, float))

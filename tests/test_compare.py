@@ -10,6 +10,7 @@ import problems
 import pytest
 
 import hybridsens as hs
+from benchmarks import our_problems
 from hybridsens.scenes import BouncingBall
 from hybridsens.study.baselines import BaselineMotion, constant_event_time, events_at_root, penalty_contact, where_reset
 from hybridsens.study.compare import Reference, compare
@@ -17,12 +18,12 @@ from hybridsens.study.compare_plot import plot_comparison
 from hybridsens.study.differentiate import central_differences
 from hybridsens.study.gradient_methods import GradientMethod, our_methods
 
-P2 = ("P2", problems.elastic_stop, 20.0, 0, lambda motion: motion.cost)
+P2 = ("P2", our_problems.elastic_stop, 20.0, 0, lambda motion: motion.cost)
 CASES = {
-    "P1": ("P1", problems.bouncing_ball, 2.0, 0, lambda motion: motion.final.q[0]),
+    "P1": ("P1", our_problems.bouncing_ball, 2.0, 0, lambda motion: motion.final.q[0]),
     "P2": P2,
-    "P3": ("P3", problems.cylinder_slide, 2.5, 1, lambda motion: motion.final.q[1]),
-    "P4": ("P4", problems.stacked_balls, 1.5, 0, lambda motion: motion.final.q[1]),
+    "P3": ("P3", our_problems.cylinder_slide, 2.5, 1, lambda motion: motion.final.q[1]),
+    "P4": ("P4", our_problems.stacked_balls, 1.5, 0, lambda motion: motion.final.q[1]),
 }
 """Name of the record, scene of the parameters, horizon, which functional, and that functional of a motion."""
 

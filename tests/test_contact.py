@@ -97,7 +97,7 @@ def test_capture_and_slide_on_an_incline(height):
 
     assert motion.trajectory.events.kind[0] == hs.EventKind.CAPTURE
     assert_close(motion.trajectory.final.q[0], x(10.0), 1e-10)
-    assert_close(-motion.by_scene.force_vector[0, 1], jax.grad(x)(10.0), 1e-9)
+    assert_close(-motion.by_scene.load[0, 1], jax.grad(x)(10.0), 1e-9)
 
 
 @pytest.mark.parametrize("height", [0.0, 0.7], ids=["floor at 0", "floor elsewhere"])
@@ -108,7 +108,7 @@ def test_a_plate_stands_on_its_feet(feet, height):
     motion = linear.solve(scene, [height, 0.0, 0.0], [0.0, 0.0, 0.0], 2.0)
     assert motion.trajectory.events.count == 0
     assert_close(motion.trajectory.final.q, [height, 0.0, 0.0], 1e-12, scale=1.0)
-    assert_close(motion.by_scene.force_vector[:, 0], np.zeros(6), 1e-12, scale=1.0)
+    assert_close(motion.by_scene.load[:, 0], np.zeros(6), 1e-12, scale=1.0)
 
 
 @pytest.mark.parametrize("height", [0.0, 0.7], ids=["floor at 0", "floor elsewhere"])

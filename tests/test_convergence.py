@@ -7,9 +7,10 @@ import motions
 import numpy as np
 import pytest
 from closeness import worst
-from problems import RECORDS, elastic_stop
+from problems import RECORDS
 
 import hybridsens as hs
+from benchmarks.our_problems import elastic_stop
 from hybridsens.scenes import ElasticStop
 
 RECORD = RECORDS["P2b"]

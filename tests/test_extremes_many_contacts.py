@@ -5,41 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from closeness import assert_close
-from jax import Array
 
 import hybridsens as hs
+from benchmarks.extremes.mass_ratios import FEET, TRIPOD, make
 
 GRAVITY = 9.81
-FEET = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
-TRIPOD = np.array([[1.0, 1.0, 0.0], [1.0, -0.5, 0.8], [1.0, -0.5, -0.8]])
-
-
-class FlatContacts(hs.AbstractScene):
-    """diag(mass) q'' = load, gaps normals q + offsets."""
-
-    mass: Array
-    load: Array
-    normals: Array
-    offsets: Array
-    e: Array
-
-    def mass_matrix(self, q):
-        return jnp.diag(self.mass)
-
-    def force(self, t, q, v):
-        return self.load
-
-    def gap(self, t, q):
-        return self.normals @ q + self.offsets
-
-    def restitution(self):
-        return self.e
-
-
-def make(mass, load, normals, offsets, e) -> FlatContacts:
-    return FlatContacts(*(jnp.array(part, float) for part in (mass, load, normals, offsets, e)))
-
-
 @eqx.filter_jit
 def run(scene, q, v, t1, max_events=512):
     state = hs.State(jnp.array(q, float), jnp.array(v, float))

@@ -6,43 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from closeness import assert_close
-from jax import Array
 
 import hybridsens as hs
+from benchmarks.extremes.one_contact import make, squared
 
 TOLERANCE = 1e-10
 GRAVITY = 9.81
-
-
-class OneContact(hs.AbstractScene):
-    """q'' = load - stiffness q, gap offset + side q."""
-
-    load: Array
-    stiffness: Array
-    side: Array
-    offset: Array
-    e: Array
-
-    def mass_matrix(self, q):
-        return jnp.eye(1, dtype=q.dtype)
-
-    def force(self, t, q, v):
-        return self.load - self.stiffness * q
-
-    def gap(self, t, q):
-        return self.offset + self.side * q
-
-    def restitution(self):
-        return self.e
-
-
-def make(load=0.0, stiffness=0.0, side=1.0, offset=0.0, e=0.5, dtype=float) -> OneContact:
-    return OneContact(*(jnp.array([value], dtype) for value in (load, stiffness, side, offset, e)))
-
-
-def squared(scene, t, q, v):
-    """Running cost."""
-    return q[0] ** 2
 
 
 @eqx.filter_jit

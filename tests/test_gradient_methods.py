@@ -11,6 +11,7 @@ import pytest
 from jaxtyping import Array
 
 import hybridsens as hs
+from benchmarks import our_problems
 from hybridsens.study.compare import compare, relative_error
 from hybridsens.study.differentiate import value_and_gradient
 from hybridsens.study.flat_parameters import flatten_parameters
@@ -23,7 +24,7 @@ def gradients():
     """P2 at 1e-8 by every default method: name -> gradient."""
 
     def cost(p, simulate):
-        scene = problems.elastic_stop(*p)
+        scene = our_problems.elastic_stop(*p)
         return simulate(scene, scene.initial_state(), t1=20.0, running_cost=lambda s, t, q, v: q @ q).cost
 
     parameters = flatten_parameters(jnp.array(problems.RECORDS["P2"]["p"]))

@@ -8,9 +8,10 @@ import motions
 import numpy as np
 import pytest
 from closeness import assert_close
-from problems import bouncing_ball, solve_with_gradient
+from problems import solve_with_gradient
 
 import hybridsens as hs
+from benchmarks.our_problems import bouncing_ball
 from hybridsens.scenes import BouncingBall, StackedBalls, VibratingTable
 
 TOLERANCE = 1e-10

@@ -7,6 +7,7 @@ import pytest
 from closeness import assert_close
 
 import hybridsens as hs
+from benchmarks import our_problems
 from hybridsens.scenes import BouncingBall
 
 AGAIN = hs.Replay(recompute=True)
@@ -45,7 +46,7 @@ def test_a_release_is_recomputed_too():
     """Sustained contact and release on the cylinder, then the impacts on the floor."""
 
     def end(p, adjoint):
-        scene = problems.cylinder_slide(*p)
+        scene = our_problems.cylinder_slide(*p)
         return hs.simulate(scene, scene.initial_state(), t1=2.5, adjoint=adjoint, max_events=16, throw=False).final.q[0]
 
     p = jnp.array(problems.RECORDS["P3"]["p"])

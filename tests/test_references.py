@@ -5,7 +5,9 @@ import functools
 import numpy as np
 import pytest
 from closeness import assert_close
-from problems import RECORDS, bouncing_ball, cylinder_slide, elastic_stop, solve_with_gradient, stacked_balls
+from problems import RECORDS, solve_with_gradient
+
+from benchmarks.our_problems import bouncing_ball, cylinder_slide, elastic_stop, stacked_balls
 
 # Scene, and what of (cost, final q, final v) the digits are for.
 PROBLEMS = {

@@ -6,6 +6,8 @@ three repeats
 end on the guard to rounding, by true steps of the solver.
 """
 
+from typing import NamedTuple
+
 import diffrax
 import equinox as eqx
 import jax
@@ -70,6 +72,19 @@ class LandingState(eqx.Module):
     """Whether the last candidate was finite."""
 
 
+class Inside(NamedTuple):
+    """What a candidate step shows of the guards inside it."""
+
+    t_root: Float[Array, ""]
+    """When the first guard falls through zero; inf where none does."""
+    crossed: Bool[Array, ""]
+    """Whether that is before the end of the horizon."""
+    split: Float[Array, ""]
+    """Where to end a step that does not tell enough, as a fraction of it; inf for a step that does."""
+    miss: Float[Array, "guard"]
+    """By how much each guard misses zero."""
+
+
 class LandingController(diffrax.AbstractStepSizeController):
     """Error control by `inner`, plus landing on events; `args` is (system, mode).
 
@@ -114,31 +129,18 @@ class LandingController(diffrax.AbstractStepSizeController):
         guard, rate = system.guards_and_rates(t1, y1_candidate, mode)
         h = t1 - t0
         on_guard = self._on_guard(t0, t1, guard, rate, state)
-        # A guard that was just left may be below zero by its rounding while it rises: no crossing.
-        rising = (rate >= 0) & (guard < 0) & (guard >= -self.start.rounding)
-        end = jnp.where(rising, 0, guard + state.noise)
-        root, miss = first_falling_root(state.guard, state.rate * h, end, rate * h, self.start.rounding)
-        unresolved = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
-        t_root = t0 + smallest(jnp.where(on_guard | unresolved, jnp.inf, root)) * h
-        crossed = t_root < self.end - time_resolution(t1, 3)
-        long = h > time_resolution(t0, 8)
-        bottom = jnp.where(rising, 0, guard)
-        unsure = self.start.rounding + state.noise
-        doubtful = ~crossed & long & hides_a_dip(state.guard, state.rate * h, bottom, rate * h, unsure)
-        valley = smallest(tangents_meet_below(state.guard, state.rate * h, bottom, rate * h, unsure))
-        sharp = ~crossed & long & jnp.isfinite(valley)
-        known = all_of(jnp.isfinite(guard))  # a guard that is no number would never fall
-        cut = accurate & crossed & known
-        keep = accurate & ~crossed & ~doubtful & ~sharp & known
+        inside = self._look_inside(t0, t1, guard, rate, on_guard, state)
+        cut = accurate & inside.crossed
+        doubtful = ~inside.crossed & jnp.isfinite(inside.split)
+        keep = accurate & ~inside.crossed & ~doubtful
         landed = keep & any_of(on_guard)
 
         # A step that was cut and fell short of the guard is kept, and the next one aims at the guard by its rate.
         to_go = smallest(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf))
         short = keep & (state.cuts > 0) & (to_go < 0.1 * h)
         next_t1 = jnp.where(short, t1 + to_go, next_t1)
-        next_t1 = jnp.where(cut, jnp.maximum(t_root, t0 + time_resolution(t0, 0)), next_t1)
-        next_t1 = jnp.where(accurate & (doubtful | ~known), t0 + h / 2, next_t1)
-        next_t1 = jnp.where(accurate & sharp & known, t0 + valley * h, next_t1)
+        next_t1 = jnp.where(cut, jnp.maximum(inside.t_root, t0 + time_resolution(t0, 0)), next_t1)
+        next_t1 = jnp.where(accurate & doubtful, t0 + inside.split * h, next_t1)
         next_t0 = jnp.where(keep, t1, t0)
 
         error_control_step = jnp.where(accurate, jnp.where(cut, h, next_t1 - next_t0), state.free_step)
@@ -152,10 +154,27 @@ class LandingController(diffrax.AbstractStepSizeController):
             free_step=jnp.where(state.cuts > 0, state.free_step, error_control_step),
             rejected=state.rejected + ~keep,
             fired=first_to_fall(on_guard, guard, rate),
-            grazing=state.grazing | (accurate & any_of(miss <= system.grazing_depth(mode))),
-            finite=all_of(jnp.isfinite(y1_candidate)) & known,
+            grazing=state.grazing | (accurate & any_of(inside.miss <= system.grazing_depth(mode))),
+            finite=all_of(jnp.isfinite(y1_candidate)) & all_of(jnp.isfinite(guard)),
         )
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, keep, landed, new)
+
+    def _look_inside(self, t0, t1, guard, rate, on_guard, state: LandingState) -> Inside:
+        """What the guards did between the ends of a step, as far as their values and rates there tell."""
+        h = t1 - t0
+        # A guard that was just left may be below zero by its rounding while it rises: no crossing.
+        rising = (rate >= 0) & (guard < 0) & (guard >= -self.start.rounding)
+        end = jnp.where(rising, 0, guard + state.noise)
+        root, miss = first_falling_root(state.guard, state.rate * h, end, rate * h, self.start.rounding)
+        unresolved = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
+        known = all_of(jnp.isfinite(guard))  # a guard that is no number would never fall
+        t_root = t0 + smallest(jnp.where(on_guard | unresolved | ~known, jnp.inf, root)) * h
+        ends = (state.guard, state.rate * h, jnp.where(rising, 0, guard), rate * h, self.start.rounding + state.noise)
+        split = smallest(tangents_meet_below(*ends))
+        split = jnp.where(jnp.isinf(split) & hides_a_dip(*ends), 0.5, split)
+        split = jnp.where(h > time_resolution(t0, 8), split, jnp.inf)
+        crossed = t_root < self.end - time_resolution(t1, 3)
+        return Inside(t_root, crossed, jnp.where(known, split, 0.5), miss)
 
     def _on_guard(self, t0, t1, guard, rate, state: LandingState):
         """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling."""
