@@ -11,6 +11,7 @@ settings, as somebody without this package runs it. Rows also go to results/grad
 import argparse
 import csv
 import json
+import os
 import statistics
 import subprocess
 import sys
@@ -74,7 +75,9 @@ def problem_row(problem: str) -> dict:
 def chain_under_default_settings(problem: str) -> float:
     """Seconds per gradient of the plain chain in a process where only double precision was asked for."""
     asked = [sys.executable, "-m", "benchmarks.gradient_cost", f"--chain-alone={problem}"]
-    return float(subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()[-1])
+    untouched = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}  # configure() has set them
+    run = subprocess.run(asked, capture_output=True, text=True, check=True, env=untouched)
+    return float(run.stdout.split()[-1])
 
 
 def chain_alone(problem: str) -> float:
