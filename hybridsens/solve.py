@@ -176,12 +176,8 @@ def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Report
     grid, ts_bar, sampled = None, None, None
     if bar.samples is not None:
         sampled, grid, ts_bar = _sample_vjp(parameters, static, replay, motion, inputs.ts, bar.samples)
-    events = motion.events
-    rows = lambda given, like: jax.tree.map(_padded, given, like, is_leaf=lambda leaf: leaf is None)
-    cotangents = Cotangents(
-        rows(bar.final, motion.x), rows(bar.time, events.time), rows(bar.before, events.before),
-        rows(bar.after, events.after), rows(bar.emitted, events.emitted), grid,
-    )  # fmt: skip
+    final = jnp.zeros_like(motion.x) if bar.final is None else bar.final
+    cotangents = Cotangents(final, bar.time, bar.before, bar.after, bar.emitted, grid)
     start = (inputs.t0, inputs.x0)
     carry_back = step_adjoint(how.adjoint, replay)
     ends = (how.by_t0, how.by_t1)
@@ -206,12 +202,6 @@ def _sample_vjp(parameters, static, solver, motion: Motion, ts, samples_bar):
     _, vjp = jax.vjp(sample, parameters, motion.steps.t, motion.steps.x, ts)
     by_parameters, grid_t, grid_x, by_ts = vjp(samples_bar)
     return by_parameters, (grid_t, grid_x), by_ts
-
-
-def _padded(given, like):
-    """A cotangent with the shape of what the record holds: reports leave its last row out, or it is None."""
-    bar = jnp.zeros_like(like)
-    return bar if given is None else bar.at[tuple(slice(0, n) for n in given.shape)].set(given)
 
 
 def _report(inputs: Inputs, setting: Setting, motion: Motion) -> Reported:

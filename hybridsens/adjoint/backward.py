@@ -16,13 +16,13 @@ from .step_adjoint import StepAdjoint
 
 
 class Cotangents(NamedTuple):
-    """Derivatives of the cost by everything that is reported of a motion."""
+    """Derivatives of the cost by everything that is reported of a motion; None for events where there is none."""
 
     final: Float[Array, "state"]
     """By the final state."""
-    time: Float[Array, "event"]
-    before: Float[Array, "event state"]
-    after: Float[Array, "event state"]
+    time: Float[Array, "event"] | None
+    before: Float[Array, "event state"] | None
+    after: Float[Array, "event state"] | None
     emitted: Any
     grid: tuple[Array, Array] | None
     """By the recorded grid times and the states there (samples hang on them); None where nothing does."""
@@ -101,8 +101,11 @@ def _through_event(parameters, static, events, j, bar: Cotangents, grid_bar, psi
     rates = crossing(eqx.combine(parameters, static), event)
     _, vjp = jax.vjp(lambda p, before: jump(eqx.combine(p, static), event, rates, before), parameters, event.before)
     time_grid, after_grid = grid_bar
-    emitted = jax.tree.map(lambda rows: rows[j], bar.emitted)
-    cotangent = Jump(psi, bar.time[j] + time_grid, bar.before[j], bar.after[j] + after_grid, emitted)
+    entry = lambda given, rows: jnp.zeros_like(rows[0]) if given is None else given[j]
+    reported = (bar.time, bar.before, bar.after, bar.emitted)
+    recorded = (events.time, events.before, events.after, events.emitted)
+    time, before, after, emitted = jax.tree.map(entry, reported, recorded, is_leaf=lambda leaf: leaf is None)
+    cotangent = Jump(psi, time + time_grid, before, after + after_grid, emitted)
     total_event, psi = vjp(cotangent)
     return psi, jax.tree.map(jnp.add, total, total_event)
 
