@@ -83,7 +83,7 @@ def kill(store: Path, points: int, share: float) -> dict[Path, int]:
 
 def chunks(store: Path) -> dict[Path, int]:
     """When each chunk's status was written."""
-    return {path: path.stat().st_mtime_ns for path in store.glob("status/c/*")}
+    return {path: path.stat().st_mtime_ns for path in store.glob("status/c/*") if path.suffix != ".partial"}
 
 
 def compare(whole: Path, broken: Path) -> None:

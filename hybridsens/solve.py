@@ -76,9 +76,11 @@ def solve(inputs: Inputs, setting: Setting, adjoint: AbstractGradientMethod | No
     With `Replay()` in reverse mode (and forward over reverse), with `ForwardSensitivities()` in forward mode.
     """
     inputs = inputs._replace(system=TracedOnce(inputs.system))
-    if isinstance(adjoint, ForwardSensitivities):
-        return _forward(inputs, setting)[0]
-    return _solve_in_reverse(inputs, setting, adjoint or Replay())
+    # JAX runs the rule below under the mesh that it finds, named; unnamed here, all would be traced a second time there.
+    with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
+        if isinstance(adjoint, ForwardSensitivities):
+            return _forward(inputs, setting)[0]
+        return _solve_in_reverse(inputs, setting, adjoint or Replay())
 
 
 @eqx.filter_custom_vjp
@@ -148,6 +150,7 @@ def _forward(inputs: Inputs, setting: Setting) -> tuple[Reported, Motion]:
     return map_lanes_on_cpu(lambda dynamic: _forward_lane(*eqx.combine(dynamic, static)))(dynamic)
 
 
+@eqx.filter_jit  # traced for the value and again for its gradient: the second time it is looked up
 def _forward_lane(inputs: Inputs, setting: Setting) -> tuple[Reported, Motion]:
     motion = _run(inputs, setting)
     return _report(inputs, setting, motion), motion
