@@ -76,7 +76,7 @@ def solve(inputs: Inputs, setting: Setting, adjoint: AbstractGradientMethod | No
     With `Replay()` in reverse mode (and forward over reverse), with `ForwardSensitivities()` in forward mode.
     """
     inputs = inputs._replace(system=TracedOnce(inputs.system))
-    # JAX runs the rule below under the mesh that it finds, named; unnamed here, all would be traced a second time there.
+    # JAX traces the rule below under the mesh that it finds, named; were it not named here, all would be traced twice.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
         if isinstance(adjoint, ForwardSensitivities):
             return _forward(inputs, setting)[0]
