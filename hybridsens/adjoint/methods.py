@@ -31,8 +31,8 @@ class ContinuousCostate(AbstractGradientMethod):
 
     Differs from the derivative of the computed motion by the tolerances of both passes. `state` says where the motion
     comes from on the way back: "recorded" (steps of the solver from the recorded ones) or "backward" (integrated
-    backward from the end
-    of every recorded step, cheaper, and unstable over a step where the motion is strongly dissipative).
+    backward from the end of every recorded step; unstable over a step where the motion is strongly dissipative, which
+    is warned of).
     """
 
     rtol: float = 1e-8
