@@ -16,8 +16,7 @@ def map_lanes_on_cpu(function: Callable, one_lane: Callable | None = None) -> Ca
 
     A batch does not keep the scratch of its lanes: zeros stand in its place, without a batch axis. `one_lane(batched,
     *arguments)` replaces `function` for the lanes of a batch; `batched` says for each argument whether any of it has
-    a batch axis, so
-    that a scratch that was not kept can be told from one that was.
+    a batch axis, so that a scratch that was not kept can be told from one that was.
     """
     if jax.default_backend() != "cpu":
         return function

@@ -30,8 +30,9 @@ def smallest(x: Float[Array, "n"]) -> Float[Array, ""]:
 
 def product(A: Float[Array, "m n"], x: Float[Array, "n"]) -> Float[Array, "m"]:
     """A x. Not for what is differentiated in reverse: its transpose would be a reduction again."""
-    columns = [A[:, k] * x[k] for k in range(A.shape[1])]
-    return functools.reduce(operator.add, columns) if _is_short(x) else A @ x
+    if not _is_short(x):
+        return A @ x
+    return functools.reduce(operator.add, [A[:, k] * x[k] for k in range(x.size)])
 
 
 def _is_short(x) -> bool:

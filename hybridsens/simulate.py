@@ -46,9 +46,8 @@ def simulate(
         M(q) v' = F(t, q, v) + G lambda,   0 <= lambda _|_ Phi(t, q) >= 0,   Newton's law at impacts     (1.1)-(1.7)
 
     Write the cost J in plain JAX on what is returned; `eqx.filter_grad(J)(scene)` is then dJ/d(scene), with the
-    adjoint's
-    jump conditions (T8)-(T10) applied at every event. Gradients reach the leaves of the scene and of the running cost,
-    the initial state, t0, t1 and ts, under `jax.jit` and `jax.vmap` in any order.
+    adjoint's jump conditions (T8)-(T10) applied at every event. Gradients reach the leaves of the scene and of the
+    running cost, the initial state, t0, t1 and ts, under `jax.jit` and `jax.vmap` in any order.
 
     Arguments:
 
@@ -65,8 +64,7 @@ def simulate(
     - `max_step`: longest step [s]. A gap is looked at where steps end: give the time that a thin obstacle takes to
       pass, or a short dip of a gap lasts, if the error control alone may step over it.
     - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of
-      impacts:
-      the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
+      impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
       `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (per lane of a batch).

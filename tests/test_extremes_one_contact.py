@@ -8,7 +8,7 @@ import pytest
 from closeness import assert_close
 
 import hybridsens as hs
-from benchmarks.extremes.one_contact import make, squared
+from benchmarks.extremes.one_contact import make, oscillator_cost, squared
 
 TOLERANCE = 1e-10
 GRAVITY = 9.81
@@ -32,16 +32,6 @@ def run(scene, q, v, t0, t1):
 
 def go(scene, q, v, t1, t0=0.0):
     return run(scene, *(jnp.array(number, scene.e.dtype) for number in (q, v, t0, t1)))
-
-
-def oscillator_cost(v, d, e, t1):
-    """Closed form: q = v sin t until the stop at d, then d cos s - e u sin s."""
-    t = jnp.arcsin(d / v)
-    w = -e * v * jnp.cos(t)
-    s = t1 - t
-    first = v**2 * (t / 2 - jnp.sin(2 * t) / 4)
-    then = d**2 * (s / 2 + jnp.sin(2 * s) / 4) + w**2 * (s / 2 - jnp.sin(2 * s) / 4) + d * w * jnp.sin(s) ** 2
-    return first + then + d * jnp.cos(s) + w * jnp.sin(s)
 
 
 @pytest.mark.parametrize("speed", [1.0, 1e-1, 1e-2, 1e-3, 1e-4])

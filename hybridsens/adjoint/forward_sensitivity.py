@@ -1,8 +1,7 @@
 """Forward sensitivities: variations of everything recorded, by the recorded steps and the saltation matrices (T6).
 
 They are the derivative rule of the segment loop in forward mode, so `jax.jvp`, `jax.jacfwd` and forward-over-reverse
-second
-derivatives all pass through here.
+second derivatives all pass through here.
 """
 
 from typing import Any, NamedTuple

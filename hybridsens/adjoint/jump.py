@@ -2,10 +2,8 @@
 
 Seen from a fixed time t_k, a varied motion reaches the guard at t_k + dt. So the map from the state before to the
 state after, both at t_k, is: move on by dt with the flow before, reset, move back by dt with the flow after. Its JVP
-is the
-saltation matrix, its VJP the adjoint jump condition, and what is reported of the event gets its derivative from the
-same
-lines.
+is the saltation matrix, its VJP the adjoint jump condition, and what is reported of the event gets its derivative from
+the same lines.
 """
 
 from typing import Any, NamedTuple

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 from ..forward.record import Motion, StepRecord, empty_steps, segment
 from ..forward.segment import Stepper, solve_segment
 from ..hybrid import AbstractHybridSystem, Mode
+from ..precision import time_resolution
 
 Steps = tuple[Mode, StepRecord, Int[Array, ""], Int[Array, ""], Float[Array, ""]]
 """Mode of the segment, a record that holds its steps, its first step, one past its last, and 1 (nan if they are
@@ -37,5 +38,6 @@ def recomputed_steps(
         rejected=jnp.array(0),
     )  # fmt: skip
     again, _ = solve_segment(system, stepper, t1, again)
-    same = again.steps.count == last - first
+    end = jnp.where(j < events.count, events.time[jnp.minimum(j, events.time.shape[0] - 1)], motion.t)
+    same = (again.steps.count == last - first) & (jnp.abs(again.t - end) <= time_resolution(end, 3))
     return mode, again.steps, jnp.zeros_like(first), again.steps.count, jnp.where(same, 1.0, jnp.nan).astype(t.dtype)

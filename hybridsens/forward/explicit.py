@@ -1,8 +1,7 @@
 """Any explicit Runge-Kutta method of Diffrax, with its stages arranged for XLA.
 
 Diffrax runs the stages of a step in a loop of its own. Written out, a small flow's stages fuse into straight
-arithmetic; a
-large flow is better traced once and run in a plain loop, since compile time grows with every copy of it.
+arithmetic; a large flow is better traced once and run in a plain loop, since compile time grows with every copy of it.
 """
 
 from collections.abc import Callable

@@ -2,8 +2,7 @@
 
 An event located on dense output costs several digits of the gradient. Landing costs none: when a candidate
 step crosses a guard, it is rejected and the step is proposed that ends at the root of the guard's cubic; two or
-three repeats
-end on the guard to rounding, by true steps of the solver.
+three repeats end on the guard to rounding, by true steps of the solver.
 """
 
 from typing import NamedTuple

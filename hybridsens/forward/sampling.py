@@ -17,8 +17,7 @@ from .solver import one_step
 def sample_states(
     system: AbstractHybridSystem, solver: diffrax.AbstractSolver, motion: Motion, ts: Float[Array, "sample"]
 ) -> Float[Array, "sample state"]:
-    """States at `ts`; at the time of an event, the state just after it. Differentiable in the recorded grid and in
-    ts."""
+    """States at `ts`; at an event, the state just after it. Differentiable in the recorded grid and in ts."""
     ends = motion.events.steps
     passed = jnp.arange(ends.shape[0]) < motion.events.count
 

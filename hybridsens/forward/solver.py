@@ -54,8 +54,7 @@ def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, operat
 
     Explicit tableaus are run by stages of our own. An implicit solver's root finder gets the tolerances of the step
     size control (as `diffeqsolve` would give it). `loop` is how a solver of Diffrax runs its own stages: "lax" going
-    forward,
-    "bounded" where the step is differentiated.
+    forward, "bounded" where the step is differentiated.
     """
     if isinstance(solver, diffrax.AbstractERK):
         return ExplicitRungeKutta(solver, operations <= UNROLLED_OPERATIONS)

@@ -24,8 +24,8 @@ def complementarity_support(
     the candidate that is violated most, solve with equality on S, and let go what would turn negative. A column that
     depends on those of S is never taken in: so W_SS is regular even where W is singular, and a problem without a
     solution (two walls that close on a body) ends with a set that is regular. `noise` is how large a residual
-    rounding alone can make. Nothing here is differentiated: S is
-    piecewise constant, and x_S = -W_SS^-1 b_S is solved again where its derivative is wanted.
+    rounding alone can make. Nothing here is differentiated: S is piecewise constant, and x_S = -W_SS^-1 b_S is solved
+    again where its derivative is wanted.
     """
     matrix, vector, noise = lax.stop_gradient((matrix, vector, noise))
     if vector.shape[0] == 0:

@@ -60,8 +60,7 @@ def gauss_selection(
 ) -> Selection:
     """Gauss's principle (1.4)-(1.5) as (T2) on the contacts that are closed and have no rate.
 
-    0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0; a rate up to
-    `slowest` (contact,) counts as none.
+    0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0; a rate up to `slowest` (contact,) counts as none.
     """
     _, rate = gap_and_rate(scene, t, q, v)
     tolerance = closeness(q.dtype)
