@@ -1,6 +1,9 @@
 """What a scene must be: shapes before anything runs, values at the start of the motion."""
 
-import equinox as eqx
+import functools
+import math
+import os
+
 import jax
 import jax.numpy as jnp
 
@@ -8,6 +11,7 @@ from ..short import all_of
 from ..status import Status
 from .dense import pivots
 from .mode import ContactMode, gap_tolerance
+from .returned import returned_array, returned_leaves
 from .scene import AbstractScene, State
 
 
@@ -52,23 +56,34 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
         raise TypeError(
             f"`running_cost` must be a function of (scene, t, q, v), but is {type(running_cost).__name__}."
         )
-    contacts = _shape(scene.gap, t, q)
-    if len(contacts) != 1:
-        raise ValueError(f"`gap` must return an array of shape (contact,), but returns shape {contacts}.")
-    kind = eqx.filter_eval_shape(scene.gap, t, q).dtype
-    if kind != q.dtype:
-        raise TypeError(f"`gap` must return {q.dtype}, the type of the state, but returns {kind}: give both one type.")
-    _must_be("mass_matrix", _shape(scene.mass_matrix, q), (dof, dof))
-    _must_be("force", _shape(scene.force, t, q, v), (dof,))
-    _must_be("restitution", _shape(scene.restitution), contacts)
-    if running_cost is not None:
-        costs = jax.tree.leaves(eqx.filter_eval_shape(running_cost, scene, t, q, v))
-        if not costs:
-            raise TypeError("`running_cost` must return real numbers, but returns nothing.")
-        for leaf in costs:
-            kind = getattr(leaf, "dtype", type(leaf))
-            if not jnp.issubdtype(kind, jnp.floating):
-                raise TypeError(f"`running_cost` must return real numbers, but returns {kind}.")
+    gap = returned_array("gap", scene.gap, t, q)
+    if gap.ndim != 1:
+        raise ValueError(f"`gap` must return an array of shape (contact,), but returns shape {gap.shape}.")
+    if gap.dtype != q.dtype:
+        raise TypeError(
+            f"`gap` must return {q.dtype}, the type of the state, but returns {gap.dtype}: give both one type."
+        )
+    _must_be("mass_matrix", returned_array("mass_matrix", scene.mass_matrix, q), (dof, dof))
+    _must_be("force", returned_array("force", scene.force, t, q, v), (dof,))
+    _must_be("restitution", returned_array("restitution", scene.restitution), gap.shape)
+    if running_cost is not None and not returned_leaves("running_cost", running_cost, scene, t, q, v):
+        raise TypeError("`running_cost` must return real numbers, but returns nothing.")
+
+
+def check_room(max_events: int, max_steps: int, state: State) -> None:
+    """Raise ValueError where the records of events and steps cannot fit into the memory of the device.
+
+    Counted is what they take at the least: (t, x) of a step, and of an event when, what, x- and x+.
+    """
+    size, dof = state.q.dtype.itemsize, state.q.shape[0]
+    steps, events = size * (2 * dof + 1) * max_steps, size * (4 * dof + 5) * max_events
+    memory = _memory()
+    if steps + events > memory:
+        raise ValueError(
+            f"`max_events` and `max_steps` must leave records that fit into {memory / 1e9:.3g} GB of memory, but those "
+            f"of {max_events} events take {events // 10**9} GB and those of {max_steps} steps {steps // 10**9} GB at "
+            "least. Lower them, or keep no steps by adjoint=Replay(recompute=True)."
+        )
 
 
 def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status:
@@ -94,16 +109,18 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status
     return status
 
 
-def _shape(function, *arguments) -> tuple[int, ...]:
-    out = eqx.filter_eval_shape(function, *arguments)
-    name = getattr(function, "__name__", "a scene's function")
-    if not hasattr(out, "shape"):
-        raise TypeError(f"`{name}` must return an array, but returns {type(out).__name__}.")
-    if not jnp.issubdtype(out.dtype, jnp.floating):
-        raise TypeError(f"`{name}` must return real numbers, but returns {out.dtype}.")
-    return tuple(out.shape)
+def _must_be(name: str, returned: jax.ShapeDtypeStruct, expected) -> None:
+    if returned.shape != expected:
+        raise ValueError(f"`{name}` must return an array of shape {expected}, but returns shape {returned.shape}.")
 
 
-def _must_be(name: str, shape, expected) -> None:
-    if tuple(shape) != tuple(expected):
-        raise ValueError(f"`{name}` must return an array of shape {tuple(expected)}, but returns shape {tuple(shape)}.")
+@functools.cache
+def _memory() -> float:
+    """Bytes of memory that arrays can have: those of the accelerator, or all of this machine's; inf if unknown."""
+    stats = jax.local_devices()[0].memory_stats() or {}
+    if "bytes_limit" in stats:
+        return stats["bytes_limit"]
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # not every system can be asked
+        return math.inf
