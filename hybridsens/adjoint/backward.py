@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..forward.record import Motion, StepRecord, segment
-from .jump import Jump, crossing, event_row, jump
+from .jump import Jump, event_row, pull_jump_back
 from .segment_steps import Steps
 from .step_adjoint import StepAdjoint
 
@@ -98,15 +98,13 @@ def _through_steps(parameters, static, carry_back, steps: StepRecord, mode, firs
 def _through_event(parameters, static, events, j, bar: Cotangents, grid_bar, psi, total):
     """Adjoint jump at event j: psi- = S^T psi+, with what is reported of the event (T8)-(T10)."""
     event = event_row(events, j)
-    rates = crossing(eqx.combine(parameters, static), event)
-    _, vjp = jax.vjp(lambda p, before: jump(eqx.combine(p, static), event, rates, before), parameters, event.before)
     time_grid, after_grid = grid_bar
     entry = lambda given, rows: jnp.zeros_like(rows[0]) if given is None else given[j]
     reported = (bar.time, bar.before, bar.after, bar.emitted)
     recorded = (events.time, events.before, events.after, events.emitted)
     time, before, after, emitted = jax.tree.map(entry, reported, recorded, is_leaf=lambda leaf: leaf is None)
     cotangent = Jump(psi, time + time_grid, before, after + after_grid, emitted)
-    total_event, psi = vjp(cotangent)
+    total_event, psi = pull_jump_back(parameters, static, event, cotangent)
     return psi, jax.tree.map(jnp.add, total, total_event)
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ..forward.record import Motion, segment, write
 from ..forward.solver import one_step
-from .jump import crossing, event_row, jump
+from .jump import event_row, push_jump_forward
 
 
 class Variation(NamedTuple):
@@ -85,10 +85,7 @@ def _through_event(parameters, static, motion: Motion, j, last, d_parameters, dx
     is_event = j < motion.events.count
     place = jnp.minimum(j, motion.events.time.shape[0] - 1)
     event = event_row(motion.events, place)
-    rates = crossing(eqx.combine(parameters, static), event)
-    rates = rates._replace(guard_rate=jnp.where(is_event, rates.guard_rate, 1))
-    go = lambda p, before: jump(eqx.combine(p, static), event, rates, before)
-    _, d = jax.jvp(go, (parameters, event.before), (d_parameters, dx))
+    d = push_jump_forward(parameters, static, event, d_parameters, dx, is_event)
     put = lambda buffer, entry: write(buffer, jnp.where(is_event, entry, 0), place)
     variation = Variation(
         variation.final, put(variation.time, d.time), put(variation.before, d.before), put(variation.after, d.after),

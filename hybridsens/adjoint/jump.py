@@ -8,8 +8,10 @@ the same lines.
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..hybrid import AbstractHybridSystem, Decision, Mode
@@ -26,12 +28,11 @@ class RecordedEvent(NamedTuple):
     mode: Mode
 
 
-class Crossing(NamedTuple):
-    """Rates at an event, held constant while the jump is differentiated."""
+class Flows(NamedTuple):
+    """Flows at an event, each in its own mode: f- and f+."""
 
-    flow_before: Float[Array, "state"]
-    flow_after: Float[Array, "state"]
-    guard_rate: Float[Array, ""]
+    before: Float[Array, "state"]
+    after: Float[Array, "state"]
 
 
 class Jump(NamedTuple):
@@ -45,34 +46,62 @@ class Jump(NamedTuple):
     emitted: Any
 
 
-def crossing(system: AbstractHybridSystem, event: RecordedEvent) -> Crossing:
-    """Flows on both sides, each in its own mode, and the rate h' = h_t + h_x f- of the guard."""
-    flow_before = system.flow(event.time, event.before, event.mode)
-    flow_after = system.flow(event.time, event.after, event.decision.mode)
-    guard = lambda t, x: _entry(system.guards(t, x, event.mode), event.guard)
-    _, rate = jax.jvp(guard, (event.time, event.before), (jnp.ones_like(event.time), flow_before))
-    return Crossing(flow_before, flow_after, rate)
+def flows_at(system: AbstractHybridSystem, event: RecordedEvent) -> Flows:
+    """Flows on both sides, held constant while the jump is differentiated."""
+    before, after = (event.before, event.mode), (event.after, event.decision.mode)
+    sides = jax.tree.map(lambda *side: jnp.stack(side), before, after)
+    return Flows(*lax.map(lambda side: system.flow(event.time, *side), sides))  # one copy of the flow to compile
 
 
-def jump(system: AbstractHybridSystem, event: RecordedEvent, rates: Crossing, before: Float[Array, "state"]) -> Jump:
-    """From the state before to the state after an event, at its fixed recorded time.
+def jump(system: AbstractHybridSystem, event: RecordedEvent, flows: Flows, before: Float[Array, "state"], dt) -> Jump:
+    """From the state before to the state after an event that comes by dt later than recorded:
 
-    dt = -h / h'  (T5), zero in value;  x+ = R(t + dt, x- + f- dt) - f+ dt  (T6). Differentiate with respect to
-    `system` and `before`; `event` and `rates` are constants.
+    x+ = R(t + dt, x- + f- dt) - f+ dt  (T6). Differentiate with respect to `system`, `before` and dt, which is 0.
     """
-    guard = _entry(system.guards(event.time, before, event.mode), event.guard)
-    dt = -guard / rates.guard_rate
     t = event.time + dt
-    at_guard = before + rates.flow_before * dt
+    at_guard = before + flows.before * dt
     after, emitted = system.reset(event.decision, t, at_guard)
-    return Jump(after - rates.flow_after * dt, t, at_guard, after, emitted)
+    return Jump(after - flows.after * dt, t, at_guard, after, emitted)
+
+
+def push_jump_forward(parameters, static, event: RecordedEvent, d_parameters, dx, is_event=True) -> Jump:
+    """Variation of the jump: dt = -(h_x dx + h_theta dtheta) / h' (T5), and with it dx+ = S dx + ... (T6).
+
+    Where there is no event, h' may be 0: what is returned then is finite and means nothing."""
+    flows = flows_at(eqx.combine(parameters, static), event)
+    guard = _fallen_guard(static, event)
+    _, of_guard = jax.linearize(guard, parameters, event.time, event.before)
+    still = jax.tree.map(jnp.zeros_like, (parameters, event.time))
+    rate = of_guard(still[0], jnp.ones_like(event.time), flows.before)
+    dt = -of_guard(d_parameters, still[1], dx) / jnp.where(is_event, rate, 1)
+    go = lambda p, before, dt: jump(eqx.combine(p, static), event, flows, before, dt)
+    return jax.jvp(go, (parameters, event.before, still[1]), (d_parameters, dx, dt))[1]
+
+
+def pull_jump_back(parameters, static, event: RecordedEvent, bar: Jump):
+    """What the event adds to dJ/dtheta, and psi- = S^T psi+ (T8)-(T9), with what is reported of the event (T10)."""
+    flows = flows_at(eqx.combine(parameters, static), event)
+    guard, of_guard = jax.vjp(_fallen_guard(static, event), parameters, event.time, event.before)
+    h_parameters, h_t, h_x = of_guard(jnp.ones_like(guard))
+    go = lambda p, before, dt: jump(eqx.combine(p, static), event, flows, before, dt)
+    _, of_jump = jax.vjp(go, parameters, event.before, jnp.zeros_like(event.time))
+    by_parameters, psi, by_dt = of_jump(bar)
+    mu = -by_dt / (h_t + h_x @ flows.before)
+    return jax.tree.map(lambda p, h: p + mu * h, by_parameters, h_parameters), psi + mu * h_x
+
+
+def _fallen_guard(static, event: RecordedEvent):
+    """The guard that fell through zero, h(theta, t, x), in the mode before.
+
+    Picked by a sum: a system without guards traces through here too, and an index would have no bounds."""
+
+    def guard(parameters, t, x):
+        guards = eqx.combine(parameters, static).guards(t, x, event.mode)
+        return jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == event.guard, guards, 0))
+
+    return guard
 
 
 def event_row(record, place) -> RecordedEvent:
     """One event of an EventRecord."""
     return RecordedEvent(*(jax.tree.map(lambda leaf: leaf[place], getattr(record, f)) for f in RecordedEvent._fields))
-
-
-def _entry(guards: Float[Array, "guard"], place) -> Float[Array, ""]:
-    """One guard, by a sum: a system without guards traces through here too, and an index would have no bounds."""
-    return jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == place, guards, 0))
