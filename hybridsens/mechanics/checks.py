@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from ..short import all_of
 from ..status import Status
+from .contact import gap_and_rate
 from .dense import pivots
 from .mode import ContactMode, gap_tolerance
 from .returned import returned_array, returned_leaves
@@ -92,11 +93,11 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status
     Asked at the start (`event` -1), and again at every event, where the gaps are the business of the laws.
     """
     mass_matrix = scene.mass_matrix(q)
-    gap = scene.gap(t, q)
+    gap, rate = gap_and_rate(scene, t, q, v)
     e = scene.restitution()
     size = jnp.max(jnp.abs(mass_matrix))
     symmetric = jnp.max(jnp.abs(mass_matrix - mass_matrix.T)) <= 1e3 * jnp.finfo(q.dtype).eps * size
-    values = jnp.concatenate([q, v, jnp.ravel(mass_matrix), gap, scene.force(t, q, v), t[None]])
+    values = jnp.concatenate([q, v, jnp.ravel(mass_matrix), gap, rate, scene.force(t, q, v), t[None]])
     requirements = (
         (Status.penetration, (event >= 0) | all_of(gap >= -gap_tolerance(mode.length))),
         (Status.bad_restitution, all_of((e >= 0) & (e <= 1))),
