@@ -33,6 +33,7 @@ from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
 from hybridsens.study.fit import GrowingHorizon, prepare  # noqa: E402
 from hybridsens.study.fit.descend import GuessFailed, Room, descend  # noqa: E402
+from hybridsens.study.fit.iterate import Pace  # noqa: E402
 from hybridsens.study.fit.least_squares import linearise  # noqa: E402
 from hybridsens.study.fit.optimizers import FAR, NEAR, method  # noqa: E402
 from hybridsens.study.fit.problem import Numerics, Problem  # noqa: E402
@@ -52,8 +53,9 @@ class Found(NamedTuple):
 def ours(problem: Problem, strategy: GrowingHorizon | None) -> Found:
     """Levenberg-Marquardt as `fit` runs it, on any kind of problem."""
     how, z = method("levenberg-marquardt"), problem.selection.from_values(problem.selection.values(problem.scene))
-    stages, z = ([], z) if strategy is None else strategy.run(how, problem, z, Audience())
-    last = descend(how, problem, z, Room(100, 20), damping=NEAR if stages else FAR)
+    audience = Audience(pace=Pace())
+    stages, z = ([], z) if strategy is None else strategy.run(how, problem, z, audience)
+    last = descend(how, problem, z, Room(100, 20), audience=audience, damping=NEAR if stages else FAR)
     tried = sum(line.number > 0 for descent in [*stages, last] for line in descent.history)
     return Found(np.asarray(problem.selection.to_values(last.z)), tried)
 
@@ -71,17 +73,34 @@ def scipys(problem: Problem, step: float | None) -> Found:
     return Found(np.asarray(problem.selection.to_values(jnp.asarray(done.x))), done.nfev)
 
 
+def differences(problem: Problem, kind: str, strategy: GrowingHorizon | None) -> Found:
+    """The same iterations on differences of this package's motion, over a step chosen in one of three ways."""
+    return ours(like(DifferencesProblem, problem, **DIFFERENCES[kind]), strategy)
+
+
+EPS = float(np.finfo(float).eps)
+DIFFERENCES: dict[str, dict] = {
+    "over 1e-4": {"step": 1e-4},
+    "over sqrt(eps)": {"step": EPS**0.5},
+    "central, over cbrt(eps)": {"step": EPS ** (1 / 3), "central": True},
+}
+"""The best step for motions with errors of 1e-8, and the two of the textbooks."""
+GROWING = ", growing horizon"
 METHODS: dict[str, Callable[[Problem], Found]] = {
-    "sensitivities, growing horizon": lambda p: ours(p, GrowingHorizon()),
-    "differences of our motion, growing horizon": lambda p: ours(like(DifferencesProblem, p), GrowingHorizon()),
-    "naive autodiff, 50 steps per sample, growing horizon": lambda p: ours(
-        like(NaiveProblem, p, steps=50), GrowingHorizon()
+    f"sensitivities{GROWING}": lambda p: ours(p, GrowingHorizon()),
+    f"differences over 1e-4{GROWING}": lambda p: differences(p, "over 1e-4", GrowingHorizon()),
+    f"differences over sqrt(eps){GROWING}": lambda p: differences(p, "over sqrt(eps)", GrowingHorizon()),
+    f"differences central, over cbrt(eps){GROWING}": lambda p: differences(
+        p, "central, over cbrt(eps)", GrowingHorizon()
     ),
-    "naive autodiff, 200 steps per sample, growing horizon": lambda p: ours(
+    f"naive autodiff, 50 steps per sample{GROWING}": lambda p: ours(like(NaiveProblem, p, steps=50), GrowingHorizon()),
+    f"naive autodiff, 200 steps per sample{GROWING}": lambda p: ours(
         like(NaiveProblem, p, steps=200), GrowingHorizon()
     ),
     "sensitivities": lambda p: ours(p, None),
-    "differences of our motion": lambda p: ours(like(DifferencesProblem, p), None),
+    "differences over 1e-4": lambda p: differences(p, "over 1e-4", None),
+    "differences over sqrt(eps)": lambda p: differences(p, "over sqrt(eps)", None),
+    "differences central, over cbrt(eps)": lambda p: differences(p, "central, over cbrt(eps)", None),
     "naive autodiff, 50 steps per sample": lambda p: ours(like(NaiveProblem, p, steps=50), None),
     "scipy least_squares, its default differences": lambda p: scipys(p, None),
     "scipy least_squares, differences over 1e-4": lambda p: scipys(p, 1e-4),

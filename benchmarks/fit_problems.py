@@ -16,10 +16,11 @@ from hybridsens.study.naive import naive_motion
 
 
 class DifferencesProblem(Problem):
-    """The same residuals; their derivatives are forward differences of the motion."""
+    """The same residuals; their derivatives are differences of the motion."""
 
     step: float = eqx.field(static=True, default=1e-4)
     """Of z, which is of size 1. The motion's own error of 1e-8 spoils differences over much less than its root."""
+    central: bool = eqx.field(static=True, default=False)
 
     def residuals(self, z, adjoint):
         del adjoint
@@ -34,7 +35,8 @@ class DifferencesProblem(Problem):
             (z,), (direction,) = primals, tangents
             r, trial = plain(z)
             ahead, there = plain(z + self.step * direction)
-            slope = jnp.where(there.failed, jnp.nan, (ahead - r) / self.step)
+            behind = plain(z - self.step * direction)[0] if self.central else r
+            slope = jnp.where(there.failed, jnp.nan, (ahead - behind) / (2 * self.step if self.central else self.step))
             return (r, trial), (slope, jax.tree.map(_no_tangent, trial))
 
         return residuals(z)

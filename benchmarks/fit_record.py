@@ -1,6 +1,6 @@
 """Records of the oscillator with a stop by SciPy's integrator and events: nothing of hybridsens takes part in them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -13,11 +13,15 @@ BOUNDS = {name: "positive" for name in TRUTH} | {"restitution_coefficient": (0, 
 TIMES = np.linspace(0.1, 20.0, 200)
 
 
-def positions(p: Mapping[str, float] = TRUTH, times: np.ndarray = TIMES) -> tuple[np.ndarray, list[float]]:
-    """Positions of q'' = -k q - c q' + A cos(Omega t), q <= d, at these times, and the times of the impacts."""
+def positions(
+    p: Mapping[str, float] = TRUTH, times: np.ndarray = TIMES, drive: Callable[[float], float] | None = None
+) -> tuple[np.ndarray, list[float]]:
+    """Positions of q'' = -k q - c q' + drive(t), q <= d, at these times, and the times of the impacts; by default
+    drive(t) = A cos(Omega t)."""
+    push = drive or (lambda t: p["amplitude"] * np.cos(p["frequency"] * t))
 
     def rates(t, x):
-        return [x[1], -p["stiffness"] * x[0] - p["damping"] * x[1] + p["amplitude"] * np.cos(p["frequency"] * t)]
+        return [x[1], -p["stiffness"] * x[0] - p["damping"] * x[1] + push(t)]
 
     def gap(t, x):
         return p["distance"] - x[0]

@@ -7,7 +7,7 @@ from stop_record import FAR, NEAR, STOP, TRUTH, stop_record
 
 from hybridsens.scenes import BouncingBall, ElasticStop
 from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit, measurements, prepare
-from hybridsens.study.fit.problem import Numerics
+from hybridsens.study.fit.problem import Numerics, predict
 from hybridsens.study.fit.window_starts import edges_away_from_kinks, parabolas
 
 
@@ -45,7 +45,7 @@ def test_a_horizon_reaches_to_where_the_motion_leaves_the_record():
 
     def reach(values, least=0.0):
         problem = prepare.problem(ball, measurements(times, values), numerics, parameters=["restitution_coefficient"])
-        return float(growing.reach(problem, jnp.ones(1), jnp.asarray(least)))
+        return float(growing.reach(problem, predict(problem, jnp.ones(1))[1], np.asarray(least), problem.horizon))
 
     assert reach(heights) == reach(wild) == 1.0
     assert reach(gone) == times[11] and reach(gone, least=0.9) == 0.9

@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...simulate import simulate
 from .data import Measurements
 from .descend import Descent
+from .iterate import iterate
 from .least_squares import linearise
-from .problem import Problem
+from .optimizers import Method
+from .problem import Problem, predict
 from .result import FitResult
 from .starts import Starts
 from .uncertainty import uncertainty
@@ -19,13 +20,12 @@ from .watch import event_sequence
 
 
 def assemble(
-    problem: Problem, data: Measurements, guess, descents: Sequence[Descent], starts: Starts | None
+    how: Method, problem: Problem, data: Measurements, guess, descents: Sequence[Descent], starts: Starts | None
 ) -> FitResult:
     """The result of the last of these descents; the ones before it were stages."""
     last, selection = descents[-1], problem.selection
     plain = eqx.tree_at(lambda p: p.robust, problem, jnp.asarray(jnp.inf))
-    r, jacobian, _ = linearise(plain, last.z)
-    _, _, at_guess = linearise(plain, guess)
+    r, jacobian = _linearised(how, plain, last.z)
     measured = data.values.size + data.event_times.size
     values, by_z = jax.jvp(selection.to_values, (last.z,), (jnp.ones_like(last.z),))
     # A parameter driven onto its bound does not answer to z any more: nothing is known about it.
@@ -41,9 +41,8 @@ def assemble(
         scene=scene, labels=selection.labels, values=np.asarray(values), guess=np.asarray(selection.to_values(guess)),
         loss=last.loss, residuals=residuals, event_residuals=event_residuals, jacobian=by_p, uncertainty=knowledge,
         history=[line for descent in descents for line in descent.history], stopped=last.stopped,
-        sequence_start=event_sequence(at_guess), sequence_end=last.end, data=data, trajectory=_trajectory(problem,
-        scene),
-        starts=starts, carry=last.carry,
+        sequence_start=event_sequence(predict(problem, guess)[0].events), sequence_end=last.end, data=data,
+        trajectory=predict(problem, last.z)[0], starts=starts, carry=last.carry,
     )  # fmt: skip
 
 
@@ -53,10 +52,8 @@ def _in_units(r: np.ndarray, data: Measurements) -> tuple[np.ndarray, np.ndarray
     return seen, r[data.values.size :] * data.event_sigmas
 
 
-def _trajectory(problem: Problem, scene):
-    numerics = problem.numerics
-    return simulate(
-        scene, problem.initial_state(scene), t0=problem.t0, t1=problem.horizon,
-        ts=problem.data.times if problem.data.times.size else None, solver=numerics.solver, rtol=numerics.rtol,
-        atol=numerics.atol, max_events=numerics.max_events, max_steps=numerics.max_steps, throw=False,
-    )  # fmt: skip
+def _linearised(how: Method, problem: Problem, z):
+    """Residuals and Jacobian, by the program that the iterations have compiled."""
+    if not how.least_squares:
+        return linearise(problem, z)[:2]
+    return iterate(how, problem, how.begin(z), 1).linearised

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Array, Float
 
+from .iterate import Pace
 from .optimizers import FAR, Method
 from .outcome import Outcome
 from .watch import STOPPED, Audience, Iteration, Sequence, Watch, failure
@@ -52,21 +53,30 @@ def descend(
     `carry` is the state of an earlier run to go on from.
     Raises: GuessFailed if the first point cannot be evaluated.
     """
-    first, outcome = method.start(problem, z, damping)
-    if bool(outcome.trial.failed):
-        raise GuessFailed(f"The guess must have a motion that reaches its end, but at it {failure(outcome.trial)}")
-    carry = first if carry is None else carry
-    watch, stopped = Watch(outcome, stage, audience), ""
+    pace = audience.pace or Pace(1)
+    first = room.iterations + 1 if carry is None else 1
+    done = pace.run(method, problem, method.begin(z, damping), first, room.accepted)
+    watch = _watch(done.outcomes.pop(0), stage, audience)
+    carry, number, stopped = done.carry if carry is None else carry, 0, ""
     try:
-        for number in range(1, room.iterations + 1):
-            carry, outcome = method.step(problem, carry)
-            stopped = watch.see(number, outcome) or _ended(outcome, watch, room)
-            if stopped:
-                break
+        while not stopped:
+            for outcome in done.outcomes:
+                number += 1
+                stopped = watch.see(number, outcome) or _ended(outcome, watch, room)
+            if not stopped and number >= room.iterations:
+                stopped = "max_iterations"
+            if not stopped:
+                done = pace.run(method, problem, carry, room.iterations - number, room.accepted - watch.accepted)
+                carry = done.carry
     except KeyboardInterrupt:
         stopped = INTERRUPTED
-    stopped = stopped or "max_iterations"
     return Descent(watch.z, watch.loss, carry, watch.history, watch.first, watch.best, stopped)
+
+
+def _watch(outcome: Outcome, stage: str, audience: Audience) -> Watch:
+    if bool(outcome.trial.failed):
+        raise GuessFailed(f"The guess must have a motion that reaches its end, but at it {failure(outcome.trial)}")
+    return Watch(outcome, stage, audience)
 
 
 def _ended(outcome: Outcome, watch: Watch, room: Room) -> str:

@@ -14,6 +14,7 @@ from .assemble import assemble
 from .checkpoint import Checkpoint
 from .descend import ENDED_BY_HAND, Descent, GuessFailed, Room, descend
 from .horizon import GrowingHorizon
+from .iterate import Pace
 from .optimizers import FAR, NEAR, Method, method
 from .parameters import Bounds
 from .problem import Numerics, Problem
@@ -99,14 +100,16 @@ def fit(
     keeper = None if checkpoint is None else Checkpoint(Path(checkpoint), problem.selection)
     guess = problem.selection.from_values(problem.selection.values(problem.scene))
     z, further = _beginning(problem, guess, resume, keeper)
-    how, audience, several = method(optimizer), Audience(_callback(progress, callback), keeper), None
+    listener = _callback(progress, callback)
+    audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
+    how, several = method(optimizer), None
     if starts > 1 and not further:
         several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), strategy, max_iterations)
         strategy = None if isinstance(strategy, GrowingHorizon) else strategy
     stages, z = ([], z) if strategy is None else strategy.run(how, problem, z, audience)
     room = Room(max_iterations, patience)
     last = _full(how, problem, z, room, stages, audience, None if resume is None else resume.carry)
-    return assemble(problem, measured, guess, [*stages, last], several)
+    return assemble(how, problem, measured, guess, [*stages, last], several)
 
 
 def _check(max_iterations: int, patience: int, robust: float | None) -> None:

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
+from jax import lax
 from jaxtyping import Array, Float
 
 from ...adjoint.methods import Replay
@@ -23,6 +24,7 @@ class Carry(NamedTuple):
     state: Any
     """The Optax optimizer's own state."""
     loss: Float[Array, ""]
+    """inf before the first evaluation."""
     gradient: Float[Array, "unknown"]
     shrink: Float[Array, ""]
     """Factor on the next update; halved when a trial point is rejected, doubled (up to 1) when one is taken."""
@@ -40,23 +42,17 @@ def loss_and_gradient(problem, z) -> tuple[Float[Array, ""], Float[Array, "unkno
 
 
 @eqx.filter_jit
-def start(optimizer: optax.GradientTransformation, problem, z) -> tuple[Carry, Outcome]:
-    """An optimizer that knows value and gradient at z."""
-    loss, gradient, trial = loss_and_gradient(problem, z)
-    norm, no = jnp.linalg.norm(gradient), jnp.array(False)
-    outcome = Outcome(z, loss, norm, ~trial.failed, converged=no, stalled=no, trial=trial)
-    return Carry(z, optimizer.init(z), loss, gradient, jnp.ones(())), outcome
+def begin(optimizer: optax.GradientTransformation, z) -> Carry:
+    """An optimizer at z that has evaluated nothing yet; its first step does."""
+    return Carry(z, optimizer.init(z), jnp.asarray(jnp.inf, z.dtype), jnp.zeros_like(z), jnp.ones_like(z[0]))
 
 
-@eqx.filter_jit
-def step(optimizer: optax.GradientTransformation, problem, carry: Carry) -> tuple[Carry, Outcome]:
+def step(optimizer: optax.GradientTransformation, problem, carry: Carry) -> tuple[Carry, Outcome, None]:
     """One iteration. A trial point that failed is not taken, and the next update is half as long."""
     z, state, loss, gradient, shrink = carry
-    penalty = 100 * (1 + loss)
-    updates, new_state = optax.with_extra_args_support(optimizer).update(
-        gradient, state, z, value=loss, grad=gradient, value_fn=lambda z: _guarded_loss(z, problem, penalty)
-    )
-    updates = jax.tree.map(lambda u: shrink * u, updates)
+    first = jnp.isinf(loss)
+    nothing = lambda: (jnp.zeros_like(z), state)
+    updates, new_state = lax.cond(first, nothing, lambda: _update(optimizer, problem, carry))
     at = jnp.where(jnp.all(jnp.isfinite(updates)), z + updates, z)
     new_loss, new_gradient, trial = loss_and_gradient(problem, at)
     accepted = ~trial.failed & jnp.all(jnp.isfinite(updates))
@@ -65,10 +61,19 @@ def step(optimizer: optax.GradientTransformation, problem, carry: Carry) -> tupl
     carry = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, kept)
     still = jnp.max(jnp.abs(updates)) < _SMALL_STEP * (1 + jnp.max(jnp.abs(z)))
     outcome = Outcome(
-        carry.z, carry.loss, jnp.linalg.norm(carry.gradient), accepted, converged=accepted & still,
+        carry.z, carry.loss, jnp.linalg.norm(carry.gradient), accepted, converged=accepted & still & ~first,
         stalled=carry.shrink < 2.0**-_PATIENCE, trial=trial,
     )  # fmt: skip
-    return carry, outcome
+    return carry, outcome, None
+
+
+def _update(optimizer: optax.GradientTransformation, problem, carry: Carry):
+    penalty = 100 * (1 + carry.loss)
+    updates, state = optax.with_extra_args_support(optimizer).update(
+        carry.gradient, carry.state, carry.z, value=carry.loss, grad=carry.gradient,
+        value_fn=lambda z: _guarded_loss(z, problem, penalty),
+    )  # fmt: skip
+    return jax.tree.map(lambda u: carry.shrink * u, updates), state
 
 
 @eqx.filter_custom_vjp

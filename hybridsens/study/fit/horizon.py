@@ -4,14 +4,16 @@ Over a long horizon the loss has many local minima: a guess whose phase is half 
 one. A short horizon has few, but leaves some parameters undetermined, so these stages hold z near the guess.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...adjoint.methods import Replay
 from .descend import ENDED_BY_HAND, Descent, GuessFailed, Room, descend
 from .optimizers import Method
-from .problem import Problem
+from .problem import Problem, predict
 from .watch import Audience
 
 
@@ -66,29 +68,30 @@ class GrowingHorizon(eqx.Module):
 
     def begin(self, problem: Problem, z) -> Float[Array, ""]:
         """Where the first stage ends [s]."""
-        return self.reach(problem, z, problem.t0 + self.first * (problem.horizon - problem.t0))
+        return self.reach(problem, predict(problem, z)[1], np.asarray(self.first), problem.horizon)
 
     def next(self, problem: Problem, z, end) -> Float[Array, ""]:
         """Where the stage after one that ended at time `end` and at the unknowns z ends [s]."""
-        return self.reach(problem, z, problem.t0 + self.growth * (end - problem.t0))
+        return self.reach(problem, predict(problem, z)[1], np.asarray(self.growth), end)
 
     @eqx.filter_jit
-    def reach(self, problem: Problem, z, least) -> Float[Array, ""]:
-        """Time until which the motion at z follows the record, `least` at the least, the full horizon at most.
+    def reach(self, problem: Problem, seen, part, end) -> Float[Array, ""]:
+        """Time until which a motion follows the record: at the least this part of the time until `end`, at most the
+        full horizon.
 
         It is lost at two samples in a row that are too far off: one alone may be an outlier.
         """
-        times = problem.data.times
+        times, least = problem.data.times, problem.t0 + part * (end - problem.t0)
         if times.size < 2:
             return jnp.minimum(least, problem.horizon)
-        lost = self._lost(problem, z)
+        lost = self._lost(problem, seen)
         twice = lost[:-1] & lost[1:]
         last = jnp.where(jnp.any(twice), times[jnp.argmax(twice) - 1], problem.horizon)
         last = jnp.where(twice[0], problem.t0, last)
         return jnp.minimum(jnp.maximum(last, least), problem.horizon)
 
-    def _lost(self, problem: Problem, z) -> Bool[Array, "sample"]:
-        seen, data = problem.observations(z, Replay()), problem.data
+    def _lost(self, problem: Problem, seen) -> Bool[Array, "sample"]:
+        data = problem.data
         known = data.weights > 0
         count = jnp.sum(known, axis=0)
         mean = jnp.sum(known * data.values, axis=0) / count
@@ -99,5 +102,5 @@ class GrowingHorizon(eqx.Module):
     def stage(self, problem: Problem, anchor, end) -> Problem:
         """The problem up to the time `end`, held near z = `anchor`; all stages have one structure and compile once."""
         weight = jnp.asarray(self.anchor_weight, anchor.dtype) * problem.sigma_unit
-        where = lambda p: (p.horizon, p.prior.anchor, p.prior.anchor_weight)
-        return eqx.tree_at(where, problem, (jnp.asarray(end, anchor.dtype), anchor, weight))
+        prior = dataclasses.replace(problem.prior, anchor=anchor, anchor_weight=weight)
+        return dataclasses.replace(problem, horizon=jnp.asarray(end, anchor.dtype), prior=prior)

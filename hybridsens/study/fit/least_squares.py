@@ -89,6 +89,8 @@ class Carry(NamedTuple):
     z: Float[Array, "unknown"]
     state: Any
     """The Optimistix solver's own state."""
+    damping: Float[Array, ""]
+    """The first one, relative to the largest diagonal entry of J^T J."""
 
 
 @eqx.filter_jit
@@ -103,55 +105,65 @@ def linearise(problem, z) -> tuple[Float[Array, "residual"], Float[Array, "resid
     return r, jacobian, trial._replace(failed=trial.failed | ~jnp.all(jnp.isfinite(jacobian)))
 
 
-def start(solver: optimistix.AbstractGaussNewton, problem, z, damping: float) -> tuple[Carry, Outcome]:
-    """A solver that knows value and Jacobian at z; `damping` is relative to the largest diagonal entry of J^T J."""
-    return _begin(solver, z, *linearise(problem, z), jnp.asarray(damping))
-
-
 @eqx.filter_jit
-def _begin(solver, z, r, jacobian, trial: Trial, damping) -> tuple[Carry, Outcome]:
-    fn = _Linear(r, jacobian, z, trial)
-    state = solver.init(fn, z, None, _OPTIONS, *jax.eval_shape(lambda: (r, trial)), _TAGS)
+def begin(solver: optimistix.AbstractGaussNewton, z, damping) -> Carry:
+    """A solver at z that has evaluated nothing yet; its first step does."""
+    nothing = _Linear(jnp.zeros(z.size + 1), jnp.zeros((z.size + 1, z.size)), z)
+    state = solver.init(nothing, z, None, _OPTIONS, jax.eval_shape(lambda: nothing.r), None, _TAGS)
+    return Carry(z, state, jnp.asarray(damping))
+
+
+def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry):
+    """Evaluate the next trial point and take it or not: where the solver stands, what happened, (r, J) at that point.
+
+    A trial point that failed has large finite residuals, so that it is rejected.
+    """
+    at, state = carry.state.y_eval, carry.state
+    r, jacobian, trial = linearise(problem, at)
+    short_r, short_jacobian = compressed(r, jacobian)
+    penalty = 10 * (1 + jnp.max(jnp.abs(state.f_info.residual)))
+    short_r, short_jacobian = jnp.where(trial.failed, penalty, short_r), jnp.where(trial.failed, 0, short_jacobian)
     if isinstance(solver.search, optimistix.ClassicalTrustRegion):
-        largest = jnp.max(jnp.sum(jacobian**2, axis=0))
-        size = 1 / (damping * jnp.where((largest > 0) & jnp.isfinite(largest), largest, 1))
-        state = eqx.tree_at(lambda s: s.search_state.step_size, state, size)
-    return _advance(solver, Carry(z, state), fn)
-
-
-def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry) -> tuple[Carry, Outcome]:
-    """One iteration. A trial point that failed has large finite residuals, so that it is rejected."""
-    return _go_on(solver, carry, *linearise(problem, carry.state.y_eval))
-
-
-@eqx.filter_jit
-def _go_on(solver, carry: Carry, r, jacobian, trial: Trial) -> tuple[Carry, Outcome]:
-    penalty = 10 * (1 + jnp.max(jnp.abs(carry.state.f_info.residual)))
-    r, jacobian = jnp.where(trial.failed, penalty, r), jnp.where(trial.failed, 0, jacobian)
-    return _advance(solver, carry, _Linear(r, jacobian, carry.state.y_eval, trial))
-
-
-def _advance(solver, carry: Carry, fn: "_Linear") -> tuple[Carry, Outcome]:
-    z, new, _ = solver.step(fn, carry.z, None, _OPTIONS, carry.state, _TAGS)
-    accepted = new.num_accepted_steps > carry.state.num_accepted_steps
+        state = _damped(state, carry.damping, short_jacobian)
+    fn = _Linear(short_r, short_jacobian, at)
+    z, new, _ = solver.step(fn, carry.z, None, _OPTIONS, state, _TAGS)
     done, _ = solver.terminate(fn, z, None, _OPTIONS, new, _TAGS)
-    done = (done & ~carry.state.first_step) | (relative_offset(fn.r, fn.jacobian) < _SMALL_OFFSET)
-    residual, jacobian = new.f_info.residual, new.f_info.jac.as_matrix()
+    done = (done & ~state.first_step) | (relative_offset(short_r, short_jacobian, r.size) < _SMALL_OFFSET)
+    accepted = new.num_accepted_steps > state.num_accepted_steps
+    residual, slope = new.f_info.residual, new.f_info.jac.as_matrix()
     outcome = Outcome(
-        z, 0.5 * jnp.sum(residual**2), jnp.linalg.norm(jacobian.T @ residual), accepted,
-        converged=accepted & ~fn.trial.failed & done, stalled=new.num_steps_since_acceptance >= _PATIENCE,
-        trial=fn.trial,
+        z, 0.5 * jnp.sum(residual**2), jnp.linalg.norm(slope.T @ residual), accepted,
+        converged=accepted & ~trial.failed & done, stalled=new.num_steps_since_acceptance >= _PATIENCE, trial=trial,
     )  # fmt: skip
-    return Carry(z, new), outcome
+    return Carry(z, new, carry.damping), outcome, (r, jacobian)
 
 
-def relative_offset(r: Float[Array, "residual"], jacobian: Float[Array, "residual unknown"]) -> Float[Array, ""]:
+def _damped(state, damping, jacobian):
+    """The solver's state with its first step size, once a Jacobian is known."""
+    largest = jnp.max(jnp.sum(jacobian**2, axis=0))
+    first = 1 / (damping * jnp.where((largest > 0) & jnp.isfinite(largest), largest, 1))
+    size = state.search_state.step_size
+    return eqx.tree_at(lambda s: s.search_state.step_size, state, jnp.where(state.first_step, first, size))
+
+
+def compressed(
+    r: Float[Array, "residual"], jacobian: Float[Array, "residual unknown"]
+) -> tuple[Float[Array, "short"], Float[Array, "short unknown"]]:
+    """Q^T r and Q^T J from (J, r) = Q R: rows one more than unknowns, with every norm and product that a solver asks
+    for. The diagonal of R is positive, so that rows of one iteration compare with those of the next."""
+    R = jnp.linalg.qr(jnp.column_stack([jacobian, r]), mode="r")
+    R = jnp.where(jnp.diag(R) < 0, -1, 1)[:, None] * R
+    R = jnp.pad(R, ((0, R.shape[1] - R.shape[0]), (0, 0)))
+    return R[:, -1], R[:, :-1]
+
+
+def relative_offset(r: Float[Array, "short"], jacobian: Float[Array, "short unknown"], n: int) -> Float[Array, ""]:
     """Bates and Watts' measure of convergence: |r in the tangent plane| / |r across it|, per degree of freedom.
 
-    At 1e-3 the distance to the minimum is about a thousandth of the statistical uncertainty. Residuals that vanish
-    altogether make it useless, so it is not the only test.
+    Of `compressed` r and J of n residuals. At 1e-3 the distance to the minimum is about a thousandth of the statistical
+    uncertainty. Residuals that vanish altogether make it useless, so it is not the only test.
     """
-    n, p = jacobian.shape
+    p = jacobian.shape[1]
     u, s, _ = jnp.linalg.svd(jacobian, full_matrices=False)
     inside = jnp.where(s > 1e-10 * s[0], u.T @ r, 0)
     across = jnp.maximum(jnp.sum(r**2) - jnp.sum(inside**2), 0)
@@ -164,8 +176,7 @@ class _Linear(eqx.Module):
     r: Array
     jacobian: Array
     z: Array
-    trial: Trial
 
     def __call__(self, z, args):
         del args
-        return self.r + self.jacobian @ (z - self.z), self.trial
+        return self.r + self.jacobian @ (z - self.z), None

@@ -4,8 +4,11 @@ import functools
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 import optax
 import optimistix
+from jaxtyping import Array, Bool
 
 from . import gradient_descent, least_squares
 from .outcome import Outcome
@@ -24,14 +27,19 @@ class Method(eqx.Module):
         """Whether it uses residuals and their Jacobian; otherwise the gradient of the loss."""
         return isinstance(self.optimizer, optimistix.AbstractGaussNewton)
 
-    def start(self, problem, z, damping: float = FAR) -> tuple[Any, Outcome]:
-        """Value and derivative at z, and the optimizer's first state; `damping` serves Levenberg-Marquardt alone."""
+    def begin(self, z, damping: float = FAR) -> Any:
+        """The state of an optimizer that has evaluated nothing yet; `damping` serves Levenberg-Marquardt alone."""
         if self.least_squares:
-            return least_squares.start(self.optimizer, problem, z, damping)
-        return gradient_descent.start(self.optimizer, problem, z)
+            return least_squares.begin(self.optimizer, z, np.asarray(damping))
+        return gradient_descent.begin(self.optimizer, z)
 
-    def step(self, problem, carry) -> tuple[Any, Outcome]:
-        """One iteration, compiled once for all problems of one structure."""
+    def begins(self, carry) -> Bool[Array, ""]:
+        """Whether the next step is the first evaluation."""
+        return carry.state.first_step if self.least_squares else jnp.isinf(carry.loss)
+
+    def step(self, problem, carry) -> tuple[Any, Outcome, Any]:
+        """Evaluate the next trial point, the first time the point of `begin`: the new state, what happened, and
+        residuals with their Jacobian there, if the optimizer uses them (else None)."""
         steps = least_squares if self.least_squares else gradient_descent
         return steps.step(self.optimizer, problem, carry)
 

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ...adjoint.methods import AbstractGradientMethod
+from ...adjoint.methods import AbstractGradientMethod, Replay
 from ...mechanics.mode import EventKind
 from ...simulate import simulate
 from ...status import Status
@@ -95,7 +95,7 @@ class Problem(eqx.Module):
         """Residuals in sigmas, (sample x observation + event + 2 parameter,), and what happened."""
         scene = self.scene_at(z)
         trajectory = self.motion(scene, adjoint)
-        seen = (self._observed(scene, trajectory) - self.data.values) * self.data.weights
+        seen = (self.observed(scene, trajectory) - self.data.values) * self.data.weights
         seen = seen * (self.data.times <= self.horizon)[:, None]
         parts = [self.limited(jnp.ravel(seen)), self.limited(self._event_residuals(trajectory.events))]
         parts += [(self.selection.to_values(z) - self.prior.mean) * self.prior.weight]
@@ -113,14 +113,8 @@ class Problem(eqx.Module):
             max_steps=numerics.max_steps, adjoint=adjoint, throw=False,
         )  # fmt: skip
 
-    def observations(
-        self, z: Float[Array, "parameter"], adjoint: AbstractGradientMethod
-    ) -> Float[Array, "sample observation"]:
-        """What would be measured at the data's times."""
-        scene = self.scene_at(z)
-        return self._observed(scene, self.motion(scene, adjoint))
-
-    def _observed(self, scene, trajectory):
+    def observed(self, scene, trajectory: Trajectory) -> Float[Array, "sample observation"]:
+        """What would be measured of a motion at the data's times."""
         if self.data.times.size == 0:
             return self.data.values
         observe = eqx.filter_vmap(self.observe, in_axes=(None, 0, 0, 0))
@@ -138,3 +132,11 @@ class Problem(eqx.Module):
     def limited(self, r):
         """Residuals whose squares are c^2 (2 sqrt(1 + (r/c)^2) - 2): large ones count linearly."""
         return r * jnp.sqrt(2 / (1 + jnp.sqrt(1 + (r / self.robust) ** 2)))
+
+
+@eqx.filter_jit
+def predict(problem: Problem, z: Float[Array, "parameter"]) -> tuple[Trajectory, Float[Array, "sample observation"]]:
+    """The motion at z, and what would be measured of it; compiled once for all who ask."""
+    scene = problem.scene_at(z)
+    trajectory = problem.motion(scene, Replay())
+    return trajectory, problem.observed(scene, trajectory)

@@ -67,22 +67,23 @@ def _grow(method: Method, problem: Problem, growth: GrowingHorizon, z):
 
 
 def _descend(method: Method, problem: Problem, z, iterations: int, accepted: float = jnp.inf) -> Starts:
-    carry, outcome = method.start(problem, z)
+    carry = method.begin(z)
     arrays, static = eqx.partition(carry, eqx.is_array)
-    failed = outcome.trial.failed
 
     def go_on(loop):
         _, count, taken, done, _, _ = loop
-        return (count < iterations) & (taken < accepted) & ~done & ~failed
+        return (count <= iterations) & (taken < accepted) & ~done
 
     def body(loop):
         arrays, count, taken, _, best_z, best = loop
-        carry, outcome = method.step(problem, eqx.combine(arrays, static))
-        better = outcome.accepted & (outcome.loss < best)
+        carry = eqx.combine(arrays, static)
+        first = method.begins(carry)
+        carry, outcome, _ = method.step(problem, carry)
+        better = outcome.accepted & (outcome.loss < best) & ~outcome.trial.failed
         best_z, best = jnp.where(better, outcome.z, best_z), jnp.where(better, outcome.loss, best)
-        done = outcome.converged | outcome.stalled
-        return eqx.filter(carry, eqx.is_array), count + 1, taken + outcome.accepted, done, best_z, best
+        done = ((outcome.converged | outcome.stalled) & ~first) | (first & outcome.trial.failed)
+        return eqx.filter(carry, eqx.is_array), count + 1, taken + (outcome.accepted & ~first), done, best_z, best
 
-    begin = (arrays, jnp.array(0), jnp.array(0), jnp.array(False), z, outcome.loss)
+    begin = (arrays, jnp.array(0), jnp.array(0), jnp.array(False), z, jnp.asarray(jnp.inf, z.dtype))
     _, count, _, done, z, loss = lax.while_loop(go_on, body, begin)
-    return Starts(z, jnp.where(failed, jnp.inf, loss), count, done)
+    return Starts(z, loss, count - 1, done & jnp.isfinite(loss))

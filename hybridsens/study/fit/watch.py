@@ -3,11 +3,15 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ...mechanics.mode import EventKind
 from ...status import Status
+from ...trajectory import Events
 from .checkpoint import Checkpoint
+from .iterate import Pace
 from .outcome import Outcome
 from .problem import Trial
 
@@ -41,17 +45,20 @@ class Audience(NamedTuple):
     """Stops the run by returning True."""
     checkpoint: Checkpoint | None = None
     """Keeps the best point on disk."""
+    pace: Pace | None = None
+    """How many iterations pass between two looks; by default one."""
 
 
-def event_sequence(trial: Trial) -> Sequence:
-    """Kinds and contacts of a trial's events."""
-    kinds, contacts = np.asarray(trial.kind), np.asarray(trial.contact)
-    return tuple((EventKind(int(k)).name.lower(), int(c)) for k, c in zip(kinds, contacts, strict=True) if k >= 0)
+def event_sequence(trial: Trial | Events) -> Sequence:
+    """Kinds and contacts of events."""
+    happened = np.asarray(trial.kind) >= 0
+    kinds, contacts = np.asarray(trial.kind)[happened].tolist(), np.asarray(trial.contact)[happened].tolist()
+    return tuple((EventKind(k).name.lower(), c) for k, c in zip(kinds, contacts, strict=True))
 
 
 def failure(trial: Trial) -> str:
     """Why a trial point could not be evaluated."""
-    return Status[trial.status] or "a residual or its derivative is not finite."
+    return Status[jax.tree.map(jnp.asarray, trial.status)] or "a residual or its derivative is not finite."
 
 
 class Watch:
@@ -59,7 +66,7 @@ class Watch:
 
     def __init__(self, outcome: Outcome, stage: str, audience: Audience):
         self.stage, self.audience = stage, audience
-        self.z, self.loss = outcome.z, float(outcome.loss)
+        self.z, self.loss = jnp.asarray(outcome.z), float(outcome.loss)
         self.first = self.best = self.last = event_sequence(outcome.trial)
         self.idle = self.accepted = 0
         line = Iteration(stage, 0, self.loss, float(outcome.gradient_norm), True, "", len(self.first), False)
@@ -78,7 +85,7 @@ class Watch:
         if accepted:
             self.last, self.accepted = sequence, self.accepted + 1
         if accepted and loss <= self.loss:
-            self.z, self.loss, self.best = outcome.z, loss, sequence
+            self.z, self.loss, self.best = jnp.asarray(outcome.z), loss, sequence
             self._keep()
         return self._tell(line)
 

@@ -1,0 +1,80 @@
+"""Several iterations of an optimizer in one compiled call: on short motions the calls themselves cost the most."""
+
+import time
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .optimizers import Method
+from .outcome import Outcome
+
+MOST = 16
+"""At most so many iterations in one call."""
+_SECONDS = 0.1
+
+
+class Iterations(NamedTuple):
+    """What one call did."""
+
+    carry: Any
+    """The optimizer's state after it."""
+    outcomes: list[Outcome]
+    """One for each iteration, on the host."""
+    linearised: Any
+    """Residuals and Jacobian at the last trial point; None for an optimizer that has none."""
+
+
+class Pace:
+    """How many iterations one call makes: as many as a tenth of a second holds, so that Ctrl-C is heard."""
+
+    def __init__(self, most: int = MOST):
+        self.limit, self.most = 1, most
+
+    def run(self, method: Method, problem, carry, limit: int, accepted: int | float) -> Iterations:
+        """At most `limit` iterations, and at most `accepted` accepted ones; fewer if the optimizer ends before."""
+        begin, most = time.perf_counter(), min(limit, self.limit)
+        done = iterate(method, problem, carry, most, accepted)
+        each = (time.perf_counter() - begin) / len(done.outcomes)
+        self.limit = int(np.clip(_SECONDS / each, 1, self.most))
+        return done
+
+
+def iterate(method: Method, problem, carry, limit: int, accepted: int | float = np.inf) -> Iterations:
+    """At most `limit` iterations, and at most `accepted` accepted ones; fewer if the optimizer ends before."""
+    limits = np.asarray(min(limit, MOST)), np.asarray(accepted)
+    carry, rows, count, linearised = _iterate(method, problem, carry, *limits)
+    leaves, tree = jax.tree.flatten(jax.tree.map(np.asarray, rows))
+    outcomes = [tree.unflatten([leaf[i] for leaf in leaves]) for i in range(int(count))]
+    return Iterations(carry, outcomes, linearised)
+
+
+@eqx.filter_jit
+def _iterate(method: Method, problem, carry, limit, accepted):
+    arrays, static = eqx.partition(carry, eqx.is_array)
+
+    def step(arrays):
+        carry, outcome, linearised = method.step(problem, eqx.combine(arrays, static))
+        return eqx.filter(carry, eqx.is_array), outcome, linearised
+
+    def go_on(loop):
+        _, _, _, count, taken, ended = loop
+        return (count < limit) & (taken < accepted) & ~ended
+
+    def body(loop):
+        arrays, rows, _, count, taken, _ = loop
+        first = method.begins(eqx.combine(arrays, static))
+        arrays, outcome, linearised = step(arrays)
+        rows = jax.tree.map(lambda rows, row: rows.at[count].set(row), rows, outcome)
+        ended = outcome.converged | outcome.stalled | (first & outcome.trial.failed)
+        return arrays, rows, linearised, count + 1, taken + (outcome.accepted & ~first), ended
+
+    _, outcome, linearised = jax.eval_shape(step, arrays)
+    rows = jax.tree.map(lambda s: jnp.zeros((MOST, *s.shape), s.dtype), outcome)
+    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), linearised)
+    start = (arrays, rows, nothing, jnp.array(0), jnp.array(0), jnp.array(False))
+    arrays, rows, linearised, count, _, _ = lax.while_loop(go_on, body, start)
+    return eqx.combine(arrays, static), rows, count, linearised
