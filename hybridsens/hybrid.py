@@ -78,6 +78,15 @@ class AbstractHybridSystem(eqx.Module):
         del t, mode
         return x
 
+    def unconstrained(self, mode: Mode) -> "tuple[Bool[Array, ''], AbstractHybridSystem] | None":
+        """Whether a mode constrains nothing, and the system as it moves then: the same motion by a shorter flow.
+
+        None, the default, where there is no shorter one. Both are asked for within one compiled step: the system
+        returned must have the array leaves of this one.
+        """
+        del mode
+        return None
+
     def guards_and_rates(
         self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode
     ) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:

@@ -18,7 +18,7 @@ from .forward.method import Method
 from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
 from .forward.segment_loop import run_segments
-from .forward.solver import flow_operations
+from .forward.solver import FlowSize, flow_size
 from .hybrid import AbstractHybridSystem, Mode
 from .status import Status
 from .traced_once import TracedOnce
@@ -105,7 +105,7 @@ def _solve_bwd(motion, reported_bar, perturbed, inputs, setting, adjoint):
 def _run(inputs: Inputs, setting: Setting) -> Motion:
     """The forward pass; its derivative rule in forward mode is the push-forward of variations."""
     system, x0, t0, t1, _ = inputs
-    stepper = setting.method.stepper(_operations(inputs, setting))
+    stepper = setting.method.stepper(_flow_size(inputs, setting))
     method = setting.method
     room = method.max_events, method.max_steps if method.segment_steps is None else 0
     motion = empty_motion(system, t0, x0, setting.mode, *room, setting.status)
@@ -126,7 +126,7 @@ def _run_jvp(primals, tangents):
     d_parameters = _filled(parameters, eqx.filter(d_inputs.system, eqx.is_inexact_array))
     d_ends = tuple(_filled(p, d) for p, d in zip(inputs[1:4], d_inputs[1:4], strict=True))
     start = (inputs.t0, inputs.x0)
-    solver = setting.method.replay_solver(_operations(inputs, setting))
+    solver = setting.method.replay_solver(_flow_size(inputs, setting))
     d = push_forward(parameters, static, solver, motion, start, inputs.t1, (d_parameters, *d_ends))
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
     moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.time, m.events.before, m.events.after, m.events.emitted)
@@ -134,8 +134,8 @@ def _run_jvp(primals, tangents):
     return motion, eqx.tree_at(moved, nothing, d_moved)
 
 
-def _operations(inputs: Inputs, setting: Setting) -> int:
-    return flow_operations(inputs.system, setting.mode, inputs.t0, inputs.x0)
+def _flow_size(inputs: Inputs, setting: Setting) -> FlowSize:
+    return flow_size(inputs.system, setting.mode, inputs.t0, inputs.x0)
 
 
 def _filled(primal, tangent):
@@ -175,7 +175,7 @@ def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Re
 
 def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported, how: _How) -> Inputs:
     parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
-    replay = setting.method.replay_solver(_operations(inputs, setting))
+    replay = setting.method.replay_solver(_flow_size(inputs, setting))
     grid, ts_bar, sampled = None, None, None
     if bar.samples is not None:
         sampled, grid, ts_bar = _sample_vjp(parameters, static, replay, motion, inputs.ts, bar.samples)
@@ -186,7 +186,7 @@ def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Report
     ends = (how.by_t0, how.by_t1)
     find_steps = recorded_steps
     if setting.method.segment_steps is not None:
-        stepper = setting.method.stepper(_operations(inputs, setting))
+        stepper = setting.method.stepper(_flow_size(inputs, setting))
         find_steps = partial(recomputed_steps, inputs.system, stepper, start, inputs.t1)
     gradient = pull_back(parameters, static, carry_back, find_steps, motion, start, inputs.t1, cotangents, ends)
     by_parameters = gradient.parameters
@@ -214,7 +214,7 @@ def _report(inputs: Inputs, setting: Setting, motion: Motion) -> Reported:
     samples = None
     if inputs.ts is not None:
         samples = sample_states(
-            inputs.system, setting.method.replay_solver(_operations(inputs, setting)), motion, inputs.ts
+            inputs.system, setting.method.replay_solver(_flow_size(inputs, setting)), motion, inputs.ts
         )
         reached = inputs.ts <= motion.t
         samples = jnp.where(reached[:, None], samples, jnp.nan)  # a motion that broke off has no states further on

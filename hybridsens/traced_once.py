@@ -23,6 +23,10 @@ class TracedOnce(AbstractHybridSystem):
     def project(self, t, x, mode):
         return _project(self.system, t, x, mode)
 
+    def unconstrained(self, mode):
+        found = self.system.unconstrained(mode)
+        return None if found is None else (found[0], TracedOnce(found[1]))
+
     def scales(self, t, x, mode):
         return self.system.scales(t, x, mode)
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
+from ..forward.explicit import by_mode
 from ..forward.record import Motion, segment, write
 from ..forward.solver import one_step
 from .jump import event_row, push_jump_forward
@@ -70,8 +71,12 @@ def _through_steps(parameters, static, solver, motion: Motion, mode, first, last
 
     def body(carry):
         k, dx, grid_x = carry
-        step = lambda p, x0: one_step(solver, eqx.combine(p, static), mode, t[k], t[k + 1], x0)
-        _, dx = jax.jvp(step, (parameters, x[k]), (d_parameters, dx))
+
+        def vary(solver, pick):
+            step = lambda p, x0: one_step(solver, pick(eqx.combine(p, static)), mode, t[k], t[k + 1], x0)
+            return jax.jvp(step, (parameters, x[k]), (d_parameters, dx))[1]
+
+        dx = by_mode(solver, eqx.combine(parameters, static), mode, vary)
         return k + 1, dx, write(grid_x, dx, k + 1)
 
     _, dx, grid_x = lax.while_loop(lambda carry: carry[0] < last, body, (first, dx, variation.grid_x))

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ..forward.explicit import by_mode
 from ..forward.solver import TERM, one_step
 from .methods import AbstractGradientMethod, ContinuousCostate, DiffraxAdjoint
 
@@ -22,14 +23,17 @@ def step_adjoint(method: AbstractGradientMethod, solver: diffrax.AbstractSolver)
     if isinstance(method, ContinuousCostate):
         return _continuous_costate(method, solver)
     if isinstance(method, DiffraxAdjoint):
-        return _vjp_of(lambda *step: _diffrax_step(solver, method.adjoint, *step))
-    return _vjp_of(lambda *step: one_step(solver, *step))
+        return _vjp_of(solver, lambda solver, *step: _diffrax_step(solver, method.adjoint, *step))
+    return _vjp_of(solver, one_step)
 
 
-def _vjp_of(step) -> StepAdjoint:
+def _vjp_of(solver: diffrax.AbstractSolver, step) -> StepAdjoint:
     def adjoint(parameters, static, mode, t0, t1, x0, psi):
-        _, vjp = jax.vjp(lambda p, x: step(eqx.combine(p, static), mode, t0, t1, x), parameters, x0)
-        return vjp(psi)
+        def carry_back(solver, pick):
+            moved = lambda p, x: step(solver, pick(eqx.combine(p, static)), mode, t0, t1, x)
+            return jax.vjp(moved, parameters, x0)[1](psi)
+
+        return by_mode(solver, eqx.combine(parameters, static), mode, carry_back)
 
     return adjoint
 

@@ -25,6 +25,8 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
     """The Diffrax solver whose tableau, order and error order are used."""
     unrolled: bool = eqx.field(static=True)
     """Whether the stages are written out or run in a loop."""
+    unconstrained: "ExplicitRungeKutta | None" = None
+    """What steps are taken with in modes that constrain nothing, by their shorter flow; None for all alike."""
 
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
@@ -50,6 +52,13 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump  # every segment starts with `init`
+        system, mode = args
+        take = lambda solver, pick: solver._step(terms, t0, t1, y0, (pick(system), mode), solver_state)
+        y1, error, last = by_mode(self, system, mode, take)
+        return y1, error, dict(y0=y0, y1=y1), last, diffrax.RESULTS.successful
+
+    def _step(self, terms, t0, t1, y0, args, solver_state):
+        """The new state, its error, and the last stage."""
         tableau = self.tableau
         system, mode = args
         h = t1 - t0
@@ -59,17 +68,26 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         stages = run(lambda c, y: terms.vf(t0 + c * h, y, args), y0, h, first, rows, tableau.c)
         y1 = system.project(t1, y0 + h * _combine(_weights(tableau), stages), mode)
         last = terms.vf(t1, y1, args) if tableau.fsal else None
-        error = h * _combine(tableau.b_error, [*stages, last] if tableau.fsal else stages)
-        return y1, error, dict(y0=y0, y1=y1), last, diffrax.RESULTS.successful
+        return y1, h * _combine(tableau.b_error, [*stages, last] if tableau.fsal else stages), last
 
     def advance(self, system, mode, t0, t1, y0):
-        """The state after one step and nothing else: what a recorded step is replayed with."""
+        """The state after one step and nothing else: what a recorded step is replayed with, inside of `by_mode`."""
         tableau = self.tableau
         h = t1 - t0
         rows = tableau.a_lower[:-1] if tableau.fsal else tableau.a_lower
         run = _stages_written_out if self.unrolled else _stages_in_a_loop
         stages = run(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None, rows, tableau.c)
         return system.project(t1, y0 + h * _combine(_weights(tableau), stages), mode)
+
+
+def by_mode(solver: diffrax.AbstractSolver, system, mode, run: Callable):
+    """`run(solver, pick)`, where `pick` makes of a system the one to step: in a mode that constrains nothing, the same
+    system by its shorter flow, with a solver made for it. A branch around a whole step, not inside of its stages."""
+    shorter = system.unconstrained(mode) if isinstance(solver, ExplicitRungeKutta) and solver.unconstrained else None
+    if shorter is None:
+        return run(solver, lambda system: system)
+    free = lambda: run(solver.unconstrained, lambda system: system.unconstrained(mode)[1])
+    return lax.cond(shorter[0], free, lambda: run(solver, lambda system: system))
 
 
 def _weights(tableau):

@@ -6,7 +6,7 @@ import diffrax
 import equinox as eqx
 
 from .segment import Stepper
-from .solver import prepare_solver
+from .solver import FlowSize, prepare_solver
 
 
 class Method(eqx.Module):
@@ -23,12 +23,12 @@ class Method(eqx.Module):
     max_step: Any = None
     """Longest step; None for as long as the error control allows."""
 
-    def stepper(self, operations: int) -> Stepper:
-        """Solver and error control of the forward pass, for a flow of so many operations."""
-        solver = prepare_solver(self.solver, self.rtol, self.atol, "lax", operations)
+    def stepper(self, size: FlowSize) -> Stepper:
+        """Solver and error control of the forward pass, for a flow of that size."""
+        solver = prepare_solver(self.solver, self.rtol, self.atol, "lax", size)
         control = diffrax.PIDController(rtol=self.rtol, atol=self.atol, dtmax=self.max_step)
         return Stepper(solver, control, self.max_steps, self.segment_steps or self.max_steps)
 
-    def replay_solver(self, operations: int) -> diffrax.AbstractSolver:
+    def replay_solver(self, size: FlowSize) -> diffrax.AbstractSolver:
         """The same solver where its steps are differentiated."""
-        return prepare_solver(self.solver, self.rtol, self.atol, "bounded", operations)
+        return prepare_solver(self.solver, self.rtol, self.atol, "bounded", size)

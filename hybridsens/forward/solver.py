@@ -1,5 +1,7 @@
 """The solver that a motion is stepped with, made from the Diffrax solver that the caller chose."""
 
+from typing import NamedTuple
+
 import diffrax
 import equinox as eqx
 import jax
@@ -49,15 +51,26 @@ UNROLLED_OPERATIONS = 60
 """Flows of up to this many operations have their stages written out; larger ones gain nothing by it."""
 
 
-def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, operations: int) -> diffrax.AbstractSolver:
-    """The caller's solver, ready for one step at a time of a flow of so many operations.
+class FlowSize(NamedTuple):
+    """How many primitive operations one evaluation of the flow takes, those of inner functions counted in."""
+
+    whole: int
+    unconstrained: int | None
+    """In modes that constrain nothing; None where the flow is the same in every mode."""
+
+
+def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, size: FlowSize) -> diffrax.AbstractSolver:
+    """The caller's solver, ready for one step at a time of a flow of that size.
 
     Explicit tableaus are run by stages of our own. An implicit solver's root finder gets the tolerances of the step
     size control (as `diffeqsolve` would give it). `loop` is how a solver of Diffrax runs its own stages: "lax" going
     forward, "bounded" where the step is differentiated.
     """
     if isinstance(solver, diffrax.AbstractERK):
-        return ExplicitRungeKutta(solver, operations <= UNROLLED_OPERATIONS)
+        # Elsewhere than on a CPU the lanes of a batch go through every branch: one more would only be a burden.
+        short = size.unconstrained is not None and size.unconstrained <= UNROLLED_OPERATIONS
+        unconstrained = ExplicitRungeKutta(solver, True) if short and jax.default_backend() == "cpu" else None
+        return ExplicitRungeKutta(solver, size.whole <= UNROLLED_OPERATIONS, unconstrained)
     if isinstance(solver, diffrax.AbstractImplicitSolver):
         solver = _with_tolerances(solver, rtol, atol)
     if isinstance(solver, diffrax.AbstractRungeKutta):
@@ -65,15 +78,19 @@ def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, operat
     return ProjectedSolver(solver)
 
 
-def flow_operations(system, mode, t, x) -> int:
-    """How many primitive operations one evaluation of the flow takes, those of inner functions counted in."""
+def flow_size(system, mode, t, x) -> FlowSize:
+    """How long the flow of a system is, looked at once before anything is compiled."""
     dynamic, static = eqx.partition((system, mode), eqx.is_array)
 
-    def flow(dynamic, t, x):
+    def flow(dynamic, t, x, pick):
         system, mode = eqx.combine(dynamic, static)
-        return system.flow(t, x, mode)
+        return pick(system, mode).flow(t, x, mode)
 
-    return _count(jax.make_jaxpr(flow)(dynamic, t, x).jaxpr)
+    operations = lambda pick: _count(jax.make_jaxpr(flow, static_argnums=3)(dynamic, t, x, pick).jaxpr)
+    whole = operations(lambda system, mode: system)
+    if system.unconstrained(mode) is None:
+        return FlowSize(whole, None)
+    return FlowSize(whole, operations(lambda system, mode: system.unconstrained(mode)[1]))
 
 
 def _count(jaxpr) -> int:

@@ -1,5 +1,6 @@
 """A scene as a hybrid system: the only face of the mechanics that the solvers see."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ from jaxtyping import Array, Float
 from ..hybrid import AbstractHybridSystem, Decision
 from ..short import any_of
 from .contact import contact_geometry, gap_and_rate
-from .flow import acceleration, multipliers, multipliers_and_rates, project_to_contacts
+from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import transition_impulse
 from .mode import ContactMode
 from .resets import ImpactDetail, decide_transition
@@ -40,6 +41,8 @@ class MechanicalSystem(AbstractHybridSystem):
     dof: int = eqx.field(static=True)
     depth: tuple[Any, Any] = (0.0, 0.0)
     """(relative, absolute) penetration that the tolerances can resolve: a touch less deep is grazing."""
+    free: bool = eqx.field(default=False, static=True)
+    """Whether this is the system as it moves while every contact is open."""
 
     def split(self, x):
         """q, v, z of a flat state (leading axes are kept)."""
@@ -48,7 +51,8 @@ class MechanicalSystem(AbstractHybridSystem):
     def flow(self, t, x, mode: ContactMode):
         """(q, v, z)' = (v, M^-1 (F + G_A lambda_A), l(t, q, v)); (1.1) with (T1)."""
         q, v, _ = self.split(x)
-        parts = [v, acceleration(self.scene, t, q, v, mode.active)]
+        constrained = lambda: acceleration(self.scene, t, q, v, mode.active)
+        parts = [v, free_acceleration(self.scene, t, q, v) if self.free else constrained()]
         if self.running_cost is not None:
             parts += [jnp.ravel(leaf) for leaf in jax.tree.leaves(self.running_cost(self.scene, t, q, v))]
         return jnp.concatenate([part.astype(x.dtype) for part in parts])
@@ -111,7 +115,7 @@ class MechanicalSystem(AbstractHybridSystem):
 
     def project(self, t, x, mode: ContactMode):
         """Held contacts back to Phi = 0 and Phi' = 0."""
-        if not self.scene.sustained_contact or mode.active.shape[0] == 0:
+        if self.free or not self.scene.sustained_contact or mode.active.shape[0] == 0:
             return x
 
         def projected():
@@ -119,3 +123,9 @@ class MechanicalSystem(AbstractHybridSystem):
             return jnp.concatenate([*project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap), z])
 
         return lax.cond(any_of(mode.active), projected, lambda: x)
+
+    def unconstrained(self, mode: ContactMode):
+        """While every contact is open, v' = M^-1 F: no multipliers, nothing to project."""
+        if self.free or not self.scene.sustained_contact or mode.active.shape[0] == 0:
+            return None
+        return ~any_of(mode.active), dataclasses.replace(self, free=True)
