@@ -123,6 +123,12 @@ def test_times_outside_the_horizon_and_unknown_columns_are_refused():
         fit(BouncingBall(), measurements([0.1], [1.0], names=["height"]))
 
 
+def test_a_robust_fit_needs_sigmas():
+    """Assert that a limit in sigmas is refused where there are none: in the data's unit it would do nothing."""
+    with pytest.raises(ValueError, match="`robust` counts in sigmas"):
+        fit(BouncingBall(), measurements([0.1], [1.0]), robust=2.0)
+
+
 def test_many_starts_agree_with_one(record, near):
     """Assert that the best of 4 starts in one compiled run is the minimum that a single good start finds."""
     several = fit(ElasticStop(**NEAR), record, starts=4, spread=0.05, **STOP)

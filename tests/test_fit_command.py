@@ -10,7 +10,9 @@ from hybridsens.commands.fit import fit
 def test_a_scene_of_one_s_own_is_fitted_from_a_file(tmp_path, capsys):
     """Assert that path/to/file.py:Class fits two parameters of SciPy's record and prints the true values."""
     module = tmp_path / "own.py"
-    module.write_text("from hybridsens.scenes import ElasticStop\n\nclass Own(ElasticStop):\n    pass\n")
+    module.write_text(
+        "from hybridsens.scenes import ElasticStop\n\nclass Own(ElasticStop):\n    distance: float = 0.7\n"
+    )
     fit(f"{module}:Own", RECORD, "distance,restitution_coefficient",
         guess=["distance=0.61", "restitution_coefficient=0.78"],
         robust=2.0, skip_missing=True, plot=tmp_path / "fit.png")  # fmt: skip

@@ -17,6 +17,7 @@ def fit(
     columns: Annotated[str, typer.Option(help="Columns to use: q0,v0,... Default: all.")] = "",
     guess: Annotated[list[str] | None, typer.Option(help="NAME=VALUE, the scene's default otherwise.")] = None,
     bound: Annotated[list[str] | None, typer.Option(help="NAME=LO:HI, an end may be empty; NAME=positive.")] = None,
+    sigma: Annotated[float | None, typer.Option(help="Of every value, if the file has no sigma_ columns.")] = None,
     optimizer: Annotated[
         str, typer.Option(help="levenberg-marquardt, gauss-newton, lbfgs or adam.")
     ] = "levenberg-marquardt",
@@ -33,7 +34,8 @@ def fit(
     from ..study.fit import fit as run_fit
 
     names = _split(columns)
-    record = read_measurements(data, columns=names or None, missing="skip" if skip_missing else "raise")
+    record = read_measurements(data, columns=names or None, sigma=sigma,
+                               missing="skip" if skip_missing else "raise")  # fmt: skip
     result = run_fit(
         _with_guess(_scene(scene), guess or []), record, parameters=_split(parameters),
         bounds=dict(_bound(text) for text in bound or []), optimizer=optimizer, robust=robust, starts=starts,
@@ -76,9 +78,11 @@ def _load(path: Path) -> Any:
 
 def _with_guess(scene: Any, guesses: list[str]) -> Any:
     from ..study.fit.parameters import select
+    from ..study.fit.prepare import concrete
 
     if not guesses:
         return scene
+    scene = concrete(scene)  # numbers that a class gives as plain Python floats are parameters too
     pairs = [text.partition("=")[::2] for text in guesses]
     selection = select(scene, [name for name, _ in pairs])
     return selection.insert(scene, _numbers([value for _, value in pairs], len(selection.labels)))

@@ -12,6 +12,7 @@ from ...mechanics.scene import AbstractScene, State
 from . import prepare
 from .assemble import assemble
 from .checkpoint import Checkpoint
+from .data import Measurements
 from .descend import ENDED_BY_HAND, Descent, GuessFailed, Room, descend
 from .horizon import GrowingHorizon
 from .iterate import Pace
@@ -72,8 +73,8 @@ def fit(
     - `state`: initial state, or a function of the scene that returns it; default `scene.initial_state()`.
     - `bounds`: name -> "positive" or (lo, hi), None for an open end; kept by a transformation of the parameter.
     - `priors`: name -> (mean, sigma).
-    - `robust`: residuals beyond so many sigmas (the data's unit, if no sigmas are given) count linearly, for data
-      with outliers; None: all count squared.
+    - `robust`: residuals beyond so many sigmas count linearly, for data with outliers and with sigmas; None: all count
+      squared.
     - `t0`, `t1`: horizon [s]; t1 is the last measured time by default.
     - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an
       Optimistix Gauss-Newton solver, or any Optax optimizer.
@@ -90,8 +91,8 @@ def fit(
 
     Raises: ValueError for measurements, names, bounds or priors that do not fit; for a guess whose motion fails.
     """
-    _check(max_iterations, patience, robust)
     measured = read_measurements(data)
+    _check(max_iterations, patience, robust, measured)
     numerics = Numerics(rtol, atol, max_events, max_steps, solver)
     problem = prepare.problem(
         scene, measured, numerics, parameters=parameters, observe=observe, state=state, bounds=bounds, priors=priors,
@@ -112,11 +113,16 @@ def fit(
     return assemble(how, problem, measured, guess, [*stages, last], several)
 
 
-def _check(max_iterations: int, patience: int, robust: float | None) -> None:
+def _check(max_iterations: int, patience: int, robust: float | None, measured: Measurements) -> None:
     if max_iterations < 1 or patience < 1:
         raise ValueError(f"`max_iterations` and `patience` must be >= 1, but are {max_iterations} and {patience}.")
     if robust is not None and not robust > 0:
         raise ValueError(f"`robust` must be positive or None, but is {robust}.")
+    if robust is not None and measured.sigmas is None and measured.names:
+        raise ValueError(
+            "`robust` counts in sigmas, so the measurements must have them (columns sigma_<name>, or `sigma`), but "
+            "have none."
+        )
 
 
 def _beginning(problem: Problem, guess, resume: FitResult | None, keeper: Checkpoint | None) -> tuple[Array, bool]:
