@@ -8,7 +8,7 @@ import pytest
 from closeness import assert_close
 
 import hybridsens as hs
-from benchmarks.extremes import chaos, long_chains, small_gaps, stiffness
+from benchmarks.extremes import chaos, long_chains, many_periods, small_gaps, stiffness
 from benchmarks.memory import exact_slope
 
 
@@ -23,6 +23,18 @@ def test_two_thousand_impacts_keep_energy_time_and_gradient():
     assert errors["impacts missed or made up"] == 0
     assert errors["event times, relative"] <= 1e-10 and errors["energy drift, relative"] <= 1e-10
     assert_close(slope, exact_slope(count, horizon), 1e-6)
+
+
+def test_ten_thousand_periods_keep_energy_phase_and_gradient():
+    """An oscillator and an elastic wall by Dopri8: no impact missed; the phase is off by the square of the periods."""
+    periods = 10_000
+    final = many_periods.final_of(periods, *many_periods.RUNS[many_periods.EXACT], hs.Replay(recompute=True))
+    given = jnp.array(1.0), jnp.array(0.0), jnp.array(many_periods.end_of(periods))
+    slope, (end, motion) = jax.jit(jax.grad(lambda *x: (lambda out: (out[0][0], out))(final(*x)), has_aux=True))(*given)
+    errors = many_periods.errors(end, motion.events.count, periods)
+    assert motion.status == hs.Status.successful and errors["impacts missed or made up"] == 0
+    assert errors["energy drift, relative"] <= 1e-9 and errors["phase, of a period"] <= 1e-6
+    assert_close(slope, jax.jacfwd(many_periods.exact)(given[0], periods, given[2])[0], 5e-6)
 
 
 def test_the_growth_of_variations_in_chaos_is_that_of_long_arithmetic():

@@ -10,7 +10,7 @@ import sys
 from .report import FOLDER
 
 CASES = (
-    "near_grazing", "zeno", "long_chains", "chaos", "stiffness", "mass_ratios", "units", "coincidences",
+    "near_grazing", "zeno", "long_chains", "many_periods", "chaos", "stiffness", "mass_ratios", "units", "coincidences",
     "single_precision", "small_gaps", "random_scenes", "outside_code",
 )  # fmt: skip
 

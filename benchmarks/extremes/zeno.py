@@ -48,7 +48,7 @@ def study() -> list[Row]:
         ends = status_name(motion)
         rows.append(Row("Zeno, flat", "value", e, one.relative(value, one.bouncing_cost(1.0, GRAVITY, e)), ends))
         rows.append(Row("Zeno, flat", "gradient", e, one.relative(found, one.bouncing_slopes(1.0, GRAVITY, e)), ends))
-    rows += [_incline(e) for e in RESTITUTIONS]
+    rows += [row for e in RESTITUTIONS for row in _incline(e)]
     for cut in CUTS:
         _, (by_scene, _, _), _ = one.go(one.make(-GRAVITY, e=0.8), 1.0, 0.0, 6.0, capture_speed=cut)
         error = one.relative(by_scene.e[0], one.bouncing_slopes(1.0, GRAVITY, 0.8)[2])
@@ -68,18 +68,21 @@ def _slide(angle, e, t1):
     return slope, motion
 
 
-def _incline(e: float) -> Row:
-    """Nothing but gravity ever acts along the incline: from rest at (0, 1), s = sin(a) (g t^2 / 2 - 1) downhill."""
+def _incline(e: float) -> list[Row]:
+    """Nothing but gravity ever acts along the incline: from rest at (0, 1), s = sin(a) (g t^2 / 2 - 1) downhill.
+
+    The slope is as exact as rounding lets it be: turned by an angle, a gap 12 km downhill moves by as much, and the
+    last impacts have a speed of 3e-5 m/s.
+    """
     angle, t1 = 0.3, 1.5 * np.sqrt(2 / GRAVITY) * (1 + e) / (1 - e)
     slope, motion = _slide(jnp.array(angle), jnp.array(e), jnp.array(t1))
 
     def place(a):
         return jnp.array([jnp.cos(a), -jnp.sin(a)]) * jnp.sin(a) * (GRAVITY * t1**2 / 2 - 1)
 
-    expected = jnp.concatenate([place(angle), jax.jacfwd(place)(angle)])
-    found = jnp.concatenate([motion.final.q, slope])
-    error = float(jnp.max(jnp.abs(found - expected)) / jnp.max(jnp.abs(expected)))
-    return Row("Zeno, incline", "place and its slope by the angle", e, error, status_name(motion))
+    pairs = {"place": (motion.final.q, place(angle)), "slope by the angle": (slope, jax.jacfwd(place)(angle))}
+    off = lambda found, expected: float(jnp.max(jnp.abs(found - expected)) / jnp.max(jnp.abs(expected)))
+    return [Row("Zeno, incline", what, e, off(*pair), status_name(motion)) for what, pair in pairs.items()]
 
 
 if __name__ == "__main__":
