@@ -78,6 +78,7 @@ def table(outcomes: list[Outcome]) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="Number of the first record.")
     parser.add_argument("--guess", choices=["uniform", "corner"], default="uniform")
     parser.add_argument("--error", type=float, default=0.3)
     parser.add_argument("--strategy", choices=["none", "growing", "shooting"], nargs="+", default=["growing"])
@@ -88,9 +89,10 @@ def main() -> None:
     rows = []
     for name in asked.strategy:
         settings = {"strategy": strategies[name], "starts": asked.starts, "optimizer": asked.optimizer}
-        outcomes = [one_fit(seed, asked.guess, asked.error, settings) for seed in range(asked.records)]
-        rows.append({"strategy": name, "guess": f"{asked.guess} {asked.error:g}", "starts": asked.starts,
-                     "optimizer": asked.optimizer, **table(outcomes)})  # fmt: skip
+        seeds = range(asked.first, asked.first + asked.records)
+        outcomes = [one_fit(seed, asked.guess, asked.error, settings) for seed in seeds]
+        rows.append({"strategy": name, "first record": asked.first, "guess": f"{asked.guess} {asked.error:g}",
+                     "starts": asked.starts, "optimizer": asked.optimizer, **table(outcomes)})  # fmt: skip
         print(*(f"{key}: {value:.3g}" if isinstance(value, float) else f"{key}: {value}"
                 for key, value in rows[-1].items()), sep="\n", end="\n\n", flush=True)  # fmt: skip
     _write(rows)
@@ -99,8 +101,9 @@ def main() -> None:
 def _write(rows: list[dict]) -> None:
     """Rows of a run beside the machine; those of earlier runs with other settings stay."""
     rows = [{**row, **describe()} for row in rows]
-    key = lambda row: tuple(str(row[name]) for name in ("strategy", "guess", "starts", "optimizer"))
+    key = lambda row: tuple(str(row[name]) for name in ("strategy", "first record", "guess", "starts", "optimizer"))
     kept = list(csv.DictReader(RESULTS.open())) if RESULTS.exists() else []
+    kept = [{"first record": 0, **row} for row in kept]
     rows = [row for row in kept if key(row) not in set(map(key, rows))] + rows
     RESULTS.parent.mkdir(exist_ok=True)
     with RESULTS.open("w", newline="") as file:

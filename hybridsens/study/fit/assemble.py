@@ -36,13 +36,14 @@ def assemble(
         sigmas_given=data.sigmas is not None or not data.names, robust=float(problem.robust),
     )  # fmt: skip
     residuals, event_residuals = _in_units(np.asarray(r)[:measured], data)
-    scene = problem.scene_at(last.z)
+    trajectory, predictions = predict(problem, last.z)
     return FitResult(
-        scene=scene, labels=selection.labels, values=np.asarray(values), guess=np.asarray(selection.to_values(guess)),
+        scene=problem.scene_at(last.z), labels=selection.labels, values=np.asarray(values),
+        guess=np.asarray(selection.to_values(guess)),
         loss=last.loss, residuals=residuals, event_residuals=event_residuals, jacobian=by_p, uncertainty=knowledge,
         history=[line for descent in descents for line in descent.history], stopped=last.stopped,
         sequence_start=event_sequence(predict(problem, guess)[0].events), sequence_end=last.end, data=data,
-        trajectory=predict(problem, last.z)[0], starts=starts, carry=last.carry,
+        trajectory=trajectory, predictions=np.asarray(predictions), starts=starts, carry=last.carry,
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """A fit in pictures."""
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,7 +29,7 @@ def plot_fit(result: "FitResult") -> Any:
 def _plot_data(axes: Any, result: "FitResult") -> None:
     data = result.data
     for i, name in enumerate(data.names):
-        line = axes.plot(data.times, data.values[:, i] + result.residuals[:, i], label=f"{name}, fit")[0]
+        line = axes.plot(data.times, result.predictions[:, i], label=f"{name}, fit")[0]
         axes.plot(data.times, data.values[:, i], ".", color=line.get_color(), alpha=0.5, label=f"{name}, measured")
     _mark_events(axes, result)
     axes.set(xlabel="t [s]", title="data and fit; dashed lines are events")
@@ -47,11 +48,15 @@ def _plot_residuals(axes: Any, result: "FitResult") -> None:
 
 
 def _plot_convergence(axes: Any, result: "FitResult") -> None:
-    loss = np.array([line.loss for line in result.history])
-    axes.semilogy(np.arange(loss.size), loss, ".-")
+    """A line for each stage: their losses are not those of one problem."""
+    loss, first = np.array([line.loss for line in result.history]), 0
+    for _, lines in itertools.groupby(result.history, key=lambda line: line.stage):
+        end = first + len(list(lines))
+        axes.semilogy(np.arange(first, end), loss[first:end], ".-", color="C0")
+        first = end
     changed = [i for i, line in enumerate(result.history) if line.sequence_changed]
-    axes.semilogy(changed, loss[changed], "o", fillstyle="none", label="event sequence changed")
-    axes.set(xlabel="iteration", title="loss")
+    axes.semilogy(changed, loss[changed], "o", fillstyle="none", color="C1", label="event sequence changed")
+    axes.set(xlabel="evaluation", title="loss, stage by stage")
     if changed:
         axes.legend()
 

@@ -43,6 +43,8 @@ class FitResult(eqx.Module):
     data: Measurements
     trajectory: Trajectory
     """The fitted motion, at the times measured."""
+    predictions: np.ndarray
+    """(sample, observation) what the fitted motion shows there, also where nothing was measured."""
     starts: Starts | None
     """What became of many starts, if there were any."""
     carry: Any
