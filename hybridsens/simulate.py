@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
-from .mechanics.checks import check_shapes, real_array, real_tolerance
+from .mechanics.checks import check_room, check_shapes, real_array, real_tolerance
 from .mechanics.closures import lift_closures
 from .mechanics.mode import default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
@@ -81,6 +81,7 @@ def simulate(
     dtype = state.q.dtype
     adjoint = adjoint or Replay()
     room = max_events, max_steps, _segment_steps(adjoint, ts), max_step
+    check_room(max_events, room[2] or max_steps, state)
     method = Method(solver or diffrax.Tsit5(), *_tolerances(rtol, atol, dtype), *room)
     capture_speed = default_capture_speed(dtype) if capture_speed is None else float(capture_speed)
     system = MechanicalSystem(scene, running_cost, capture_speed, state.q.shape[0], (method.rtol, method.atol))

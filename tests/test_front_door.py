@@ -162,6 +162,19 @@ def test_what_a_function_raises_goes_on_and_names_it(name):
     assert any(f"`{name}`" in note for note in caught.value.__notes__)
 
 
+@pytest.mark.parametrize("name", ["max_events", "max_steps"])
+@pytest.mark.parametrize("room", [10**10, 10**12, 10**400])
+def test_room_that_no_memory_has_is_refused(name, room):
+    """Before anything is allocated; room for a million of each is let in."""
+    assert told(lambda: hs.simulate(BALL, START, t1=1.0, **{name: room}), name)
+    assert not told(lambda: hs.simulate(BALL, START, t1=1.0, **{name: 10**6}), name)
+
+
+def test_room_for_steps_that_are_not_kept_is_not_counted():
+    """With recomputation `max_steps` only bounds how long a motion may take."""
+    assert not told(lambda: hs.simulate(BALL, START, t1=1.0, max_steps=10**12, adjoint=hs.Replay(recompute=True)), "")
+
+
 wild = st.one_of(st.floats(), st.sampled_from([0.0, -0.0, 1.0, 5e-324, 1e-300, 1e300, np.inf, -np.inf, np.nan]))
 
 

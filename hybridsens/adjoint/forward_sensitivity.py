@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from ..forward.explicit import by_mode
 from ..forward.record import Motion, segment, write
 from ..forward.solver import one_step
+from ..forward.tangent import push
 from .jump import event_row, push_jump_forward
 
 
@@ -74,7 +75,7 @@ def _through_steps(parameters, static, solver, motion: Motion, mode, first, last
 
         def vary(solver, pick):
             step = lambda p, x0: one_step(solver, pick(eqx.combine(p, static)), mode, t[k], t[k + 1], x0)
-            return jax.jvp(step, (parameters, x[k]), (d_parameters, dx))[1]
+            return push(step, k < last, (parameters, x[k]), (d_parameters, dx))[1]
 
         dx = by_mode(solver, eqx.combine(parameters, static), mode, vary)
         return k + 1, dx, write(grid_x, dx, k + 1)

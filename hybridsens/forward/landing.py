@@ -14,10 +14,15 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from ..hybrid import StepEnds
 from ..precision import closeness, rounding, time_resolution
 from ..short import all_of, any_of, smallest
 from .cubic import first_falling_root, hides_a_dip, tangents_meet_below
 from .record import StepRecord
+
+LEAST_SEARCHED = 1 / 64
+"""A search that is given up ends the step where it got to, if that is at least this fraction of it; else the step is
+kept and the motion counts as grazing."""
 
 
 class GuardsAtStart(eqx.Module):
@@ -129,6 +134,9 @@ class LandingController(diffrax.AbstractStepSizeController):
         h = t1 - t0
         on_guard = self._on_guard(t0, t1, guard, rate, state)
         inside = self._look_inside(t0, t1, guard, rate, on_guard, state)
+        if system.searches(t0, y0):
+            ends = StepEnds(t0, y0, state.guard, state.rate, t1, y1_candidate, guard, rate, y_error, error_order)
+            inside = self._search(system, mode, ends, accurate, inside, state.noise)
         cut = accurate & inside.crossed
         doubtful = ~inside.crossed & jnp.isfinite(inside.split)
         keep = accurate & ~inside.crossed & ~doubtful
@@ -174,6 +182,22 @@ class LandingController(diffrax.AbstractStepSizeController):
         split = jnp.where(h > time_resolution(t0, 8), split, jnp.inf)
         crossed = t_root < self.end - time_resolution(t1, 3)
         return Inside(t_root, crossed, jnp.where(known, split, 0.5), miss)
+
+    def _search(self, system, mode, ends: StepEnds, accurate, inside: Inside, noise) -> Inside:
+        """What a search between the ends adds where they show nothing."""
+        h = ends.t1 - ends.t0
+        wanted = accurate & ~inside.crossed & jnp.isinf(inside.split) & (h > time_resolution(ends.t0, 8))
+        tolerance = self.start.rounding + noise + jnp.maximum(-ends.guard1, 0)  # the end was looked at before
+        searched = system.search(ends, mode, tolerance, wanted)
+        found = jnp.isfinite(searched.crossing)
+        gave_up = ~found & (searched.reached < 1)
+        far = searched.reached > LEAST_SEARCHED
+        return Inside(
+            jnp.where(found, ends.t0 + searched.crossing * h, inside.t_root),
+            inside.crossed | found,
+            jnp.where(gave_up & far, searched.reached, inside.split),
+            jnp.where(gave_up & ~far, 0, inside.miss),
+        )
 
     def _on_guard(self, t0, t1, guard, rate, state: LandingState):
         """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling."""

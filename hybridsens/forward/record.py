@@ -126,6 +126,7 @@ def empty_motion(
 
 def empty_steps(t, x, max_steps: int) -> StepRecord:
     """A record that starts at (t, x). What is written beyond its room is lost, and counted all the same."""
+    t, x = lax.optimization_barrier((t, x))  # or XLA fills a long record while it compiles, where t is a constant
     times = jnp.full(max_steps + 2, jnp.inf, t.dtype).at[0].set(t)
     states = jnp.zeros((max_steps + 2, x.shape[0]), x.dtype).at[0].set(x)
     return StepRecord(times, states, jnp.array(0))

@@ -116,7 +116,7 @@ def _must_be(name: str, returned: jax.ShapeDtypeStruct, expected) -> None:
 
 
 @functools.cache
-def _memory() -> float:
+def _memory() -> int | float:
     """Bytes of memory that arrays can have: those of the accelerator, or all of this machine's; inf if unknown."""
     stats = jax.local_devices()[0].memory_stats() or {}
     if "bytes_limit" in stats:

@@ -1,0 +1,38 @@
+"""Tangents of one function in several directions: what they share is computed once.
+
+The Jacobian of a motion is one tangent pass under `jax.vmap`, with one lane for each direction. Left alone, XLA puts
+what the directions share (a cosine of the force, say) into the arithmetic of every one of them.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+
+def push(function: Callable[..., Any], here, primals, tangents):
+    """`function(*primals)` and its tangent, as `jax.jvp`; None in the place of a tangent is zero.
+
+    `here` is true wherever this is reached, and nothing that the compiler can foresee: the coefficients of the tangent
+    map are what a conditional returns, so they are computed before, and not inside, the arithmetic of the directions.
+    """
+    moving = jax.tree.map(lambda d, p: None if d is None else p, tangents, primals, is_leaf=_is_none)
+    fixed = jax.tree.map(lambda d, p: p if d is None else None, tangents, primals, is_leaf=_is_none)
+    tree = None
+
+    def linearised():
+        nonlocal tree
+        leaves, tree = jax.tree.flatten(jax.linearize(lambda moving: function(*eqx.combine(moving, fixed)), moving))
+        return leaves
+
+    shapes = jax.eval_shape(linearised)
+    leaves = lax.cond(here, linearised, lambda: [jnp.zeros(s.shape, s.dtype) for s in shapes])
+    value, tangent_map = jax.tree.unflatten(tree, leaves)
+    return value, tangent_map(tangents)
+
+
+def _is_none(leaf) -> bool:
+    return leaf is None
