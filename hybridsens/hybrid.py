@@ -5,7 +5,7 @@ x+ = R(t, x-), and the mode changes. Everything in `forward/` and `adjoint/` is 
 """
 
 import abc
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -33,6 +33,32 @@ class Decision(eqx.Module):
     """`Status.running`, or why the motion must not go on."""
     hop: Float[Array, ""] | float = float("inf")
     """How soon a guard that is being left may fall again: the first step after the event is no longer than that."""
+
+
+class StepEnds(NamedTuple):
+    """A step from (t0, x0) to (t1, x1), and its guards and their rates at both ends."""
+
+    t0: Float[Array, ""]
+    x0: Float[Array, "state"]
+    guard0: Float[Array, "guard"]
+    rate0: Float[Array, "guard"]
+    t1: Float[Array, ""]
+    x1: Float[Array, "state"]
+    guard1: Float[Array, "guard"]
+    rate1: Float[Array, "guard"]
+    error: Float[Array, "state"]
+    """The solver's estimate of what the step may be wrong by."""
+    order: Any
+    """At which power of the step that estimate falls."""
+
+
+class Searched(NamedTuple):
+    """What a search of the inside of a step found, in fractions of the step."""
+
+    crossing: Float[Array, ""]
+    """Where a guard falls through zero; inf where none does before `reached`."""
+    reached: Float[Array, ""]
+    """Up to where no guard is below zero."""
 
 
 class AbstractHybridSystem(eqx.Module):
@@ -93,6 +119,18 @@ class AbstractHybridSystem(eqx.Module):
         """Guards and their rates h' = h_t + h_x f along the flow."""
         flow = self.flow(t, x, mode)
         return jax.jvp(lambda t, x: self.guards(t, x, mode), (t, x), (jnp.ones_like(t), flow))
+
+    def searches(self, t: Float[Array, ""], x: Float[Array, "state"]) -> bool:
+        """Whether steps are searched for events that their ends do not show. By default they are not: what guards and
+        their rates at the ends tell is all that is known."""
+        del t, x
+        return False
+
+    def search(self, step: StepEnds, mode: Mode, tolerance: Float[Array, "guard"], wanted) -> Searched:
+        """Where inside a step a guard falls below -tolerance; looked for only where `wanted`, since it may cost much.
+
+        Asked of a system that `searches`."""
+        raise NotImplementedError
 
     def scales(
         self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode

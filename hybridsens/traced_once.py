@@ -20,6 +20,12 @@ class TracedOnce(AbstractHybridSystem):
     def guards_and_rates(self, t, x, mode):
         return _guards_and_rates(self.system, t, x, mode)
 
+    def searches(self, t, x):
+        return self.system.searches(t, x)
+
+    def search(self, step, mode, tolerance, wanted):
+        return _search(self.system, step, mode, tolerance, wanted)
+
     def project(self, t, x, mode):
         return _project(self.system, t, x, mode)
 
@@ -46,6 +52,7 @@ class TracedOnce(AbstractHybridSystem):
 _flow = eqx.filter_jit(lambda system, t, x, mode: system.flow(t, x, mode))
 _guards = eqx.filter_jit(lambda system, t, x, mode: system.guards(t, x, mode))
 _guards_and_rates = eqx.filter_jit(lambda system, t, x, mode: system.guards_and_rates(t, x, mode))
+_search = eqx.filter_jit(lambda system, *given: system.search(*given))
 _project = eqx.filter_jit(lambda system, t, x, mode: system.project(t, x, mode))
 _choose = eqx.filter_jit(lambda system, event, t, x, mode: system.choose(event, t, x, mode))
 _reset = eqx.filter_jit(lambda system, decision, t, x: system.reset(decision, t, x))

@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "hybridsens"
 FRONT = {"status", "simulate", "solve", "trajectory", "batching", "traced_once"}
-BELOW = {"hybrid", "mechanics", "forward", "adjoint", "configure", "precision", "scenes"} | FRONT
+BELOW = {"hybrid", "interval", "mechanics", "forward", "adjoint", "configure", "precision", "scenes"} | FRONT
 MAY_IMPORT = {
     "status": set(),
     "short": set(),
@@ -17,7 +17,8 @@ MAY_IMPORT = {
     "configure": set(),
     "precision": set(),
     "batching": set(),
-    "mechanics": {"hybrid", "precision", "status", "short"},
+    "interval": set(),
+    "mechanics": {"hybrid", "interval", "precision", "status", "short"},
     "forward": {"hybrid", "precision", "status", "short"},
     "adjoint": {"hybrid", "forward", "precision"},
     "traced_once": {"hybrid"},

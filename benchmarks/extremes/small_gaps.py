@@ -16,7 +16,7 @@ from .report import Row, main_of, status_name
 
 CLEARANCE = 1e-9
 RADII = (1.0, 1e-2, 1e-4, 1e-6)
-WIDTHS = (0.3, 0.1, 0.03, 0.01, 1e-3)
+WIDTHS = (0.3, 0.1, 0.01, 1e-3, 1e-6, 1e-9)
 
 
 class Slot(hs.AbstractScene):
@@ -133,8 +133,8 @@ def tips(offset=0.6) -> list[Row]:
 
 
 @eqx.filter_jit
-def fly(width, max_step):
-    """A flight over the spike, by steps no longer than `max_step`."""
+def fly(width, max_step=None):
+    """A flight over the spike, by steps no longer than `max_step` if there is one."""
     state = hs.State(jnp.zeros(1), jnp.ones(1))
     return hs.simulate(Spike(width), state, t1=1.0, max_step=max_step, throw=False)
 
@@ -144,12 +144,10 @@ def spikes() -> list[Row]:
     rows = []
     for width in WIDTHS:
         turn = 0.6 - width * np.sqrt(np.log(2))
-        for max_step in (None, width):
-            motion = fly(jnp.array(width), None if max_step is None else jnp.array(max_step))
-            error = abs(float(motion.final.q[0]) - (2 * turn - 1))
-            ends = status_name(motion) if int(motion.events.count) else "stepped over"
-            how = "" if max_step is None else ", max_step = width"
-            rows.append(Row("thin spike", f"place at the end{how}", width, error, ends))
+        motion = fly(jnp.array(width))
+        error = abs(float(motion.final.q[0]) - (2 * turn - 1))
+        ends = status_name(motion) if int(motion.events.count) else "stepped over"
+        rows.append(Row("thin spike", "place at the end", width, error, ends))
     return rows
 
 

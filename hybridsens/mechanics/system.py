@@ -10,12 +10,15 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..hybrid import AbstractHybridSystem, Decision
+from ..hybrid import AbstractHybridSystem, Decision, Searched, StepEnds
+from ..interval.kind import Kind
 from ..short import any_of
+from .clearance import gap_kinds, search_gaps
 from .contact import contact_geometry, gap_and_rate
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import transition_impulse
 from .mode import ContactMode
+from .path import Path
 from .resets import ImpactDetail, decide_transition
 from .scene import AbstractScene
 
@@ -82,6 +85,19 @@ class MechanicalSystem(AbstractHybridSystem):
             return jnp.where(mode.active, multiplier, gap), jnp.where(mode.active, multiplier_rate, rate)
 
         return lax.cond(any_of(mode.active), with_multipliers, lambda: (gap, rate))
+
+    def searches(self, t, x):
+        """Whether a gap is curved: what is affine in (t, q) cannot dip unseen. Told from the trace of the gaps."""
+        return bool((gap_kinds(self.scene, t, self.split(x)[0])[0] >= Kind.CURVED).any())
+
+    def search(self, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
+        """The gaps of open contacts, along the cubic through the ends of the step and within what it may be off."""
+        q0, v0, _ = self.split(step.x0)
+        q1, v1, _ = self.split(step.x1)
+        path = Path.through(step.t0, step.t1, q0, v0, q1, v1)
+        speed = jnp.maximum(mode.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
+        doubt = path.doubt(self.split(step.error)[0], step.order) * path.h * speed
+        return search_gaps(self.scene, path, step, tolerance + doubt, ~mode.held, wanted)
 
     def scales(self, t, x, mode: ContactMode):
         """|G|^T |q| and |G|^T |v|, the largest so far; a multiplier's scale is not known and counts as 0."""

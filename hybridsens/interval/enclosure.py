@@ -1,0 +1,126 @@
+"""The range of a traced function along a path: its primitives one by one, each in interval arithmetic."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+
+from . import jet as J
+from .jet import Jet, Truth
+from .primitives import BINARY, LINEAR_SHAPES, LOGIC, PICKS, UNARY, dot_general, select
+
+CALLS = {"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint", "remat2"}
+"""Primitives that hold a program of their own."""
+
+
+def enclose(closed_jaxpr, arguments: Sequence[Jet]) -> Jet:
+    """Range of a function of one result, and of its first two derivatives, over an interval of s on which those of its
+    arguments are known. Entries made by an operation without a rule are unknown (not a number)."""
+    (out,) = _run(closed_jaxpr.jaxpr, closed_jaxpr.consts, arguments)
+    return out if isinstance(out, Jet) else J.constant(out)
+
+
+def inner_jaxpr(equation):
+    """The program that a call holds, with its constants."""
+    inner = next(equation.params[name] for name in ("jaxpr", "call_jaxpr", "fun_jaxpr") if name in equation.params)
+    return (inner.jaxpr, inner.consts) if hasattr(inner, "consts") else (inner, [])
+
+
+def _run(jaxpr, constants, arguments) -> list[Any]:
+    known = dict(zip((*jaxpr.constvars, *jaxpr.invars), (*constants, *arguments), strict=True))
+    read = lambda atom: atom.val if hasattr(atom, "val") else known[atom]
+    for equation in jaxpr.eqns:
+        outcome = _evaluate(equation, [read(atom) for atom in equation.invars])
+        known.update(zip(equation.outvars, outcome, strict=True))
+    return [read(atom) for atom in jaxpr.outvars]
+
+
+def _evaluate(equation, operands: list[Any]) -> list[Any]:
+    """Results of one equation: arrays where nothing that it reads moves, else jets or conditions."""
+    name, params = equation.primitive.name, equation.params
+    if name in CALLS:
+        return _run(*inner_jaxpr(equation), operands)
+    bind = lambda *values: equation.primitive.bind(*values, **params)
+    if not any(isinstance(operand, Jet | Truth) for operand in operands):
+        outcome = bind(*operands)
+        return list(outcome) if equation.primitive.multiple_results else [outcome]
+    outcome = _rule(name, params, operands, bind)
+    if outcome is None:
+        return [_unknown(variable.aval) for variable in equation.outvars]
+    return [_spread(outcome, equation.outvars[0].aval.shape)]
+
+
+def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth | None:
+    if name in LOGIC:
+        return LOGIC[name](*(x if isinstance(x, Truth) else Truth(x, x) for x in operands))
+    if name == "select_n":
+        return select(operands[0], [_jet(x) for x in operands[1:]])
+    if name == "convert_element_type":
+        return _converted(operands[0], params["new_dtype"])
+    if name in PICKS:
+        places_move = any(isinstance(x, Jet | Truth) for x in operands[1:])
+        return None if places_move else J.linear(lambda x: bind(x, *operands[1:]), operands[0])
+    if isinstance(operands[0], Truth):
+        return Truth(*(bind(x) for x in operands[0])) if name in LINEAR_SHAPES else None
+    if name == "integer_pow":
+        return J.integer_power(operands[0], params["y"])
+    if name == "clamp":
+        low, x, high = (_jet(x) for x in operands)
+        return J.minimum(J.maximum(x, low), high)
+    if name == "dot_general":
+        return dot_general(_jet(operands[0]), _same_or_jet(operands), params)
+    if name in UNARY:
+        return UNARY[name](operands[0])
+    if name in BINARY:
+        return BINARY[name](_jet(operands[0]), _same_or_jet(operands))
+    if name in LINEAR_SHAPES:
+        return _moved([_jet(x) for x in operands], bind)
+    return None
+
+
+def _spread(outcome: Jet | Truth, shape):
+    """Every part in the shape of the result: an operand that is one number for all entries may have made it."""
+    spread = lambda x: x if x.shape == shape else jnp.broadcast_to(x, shape)
+    return Truth(*map(spread, outcome)) if isinstance(outcome, Truth) else J.linear(spread, outcome)
+
+
+def _jet(x) -> Jet:
+    return x if isinstance(x, Jet) else J.constant(jnp.asarray(x))
+
+
+def _same_or_jet(operands) -> Jet:
+    """The second operand: the same object as the first where both are one variable, since x x is never negative."""
+    return operands[0] if operands[1] is operands[0] else _jet(operands[1])
+
+
+def _converted(x, dtype):
+    if jnp.issubdtype(dtype, jnp.bool_):
+        return x if isinstance(x, Truth) else None
+    if isinstance(x, Truth):
+        low, high = (y.astype(dtype) for y in x)
+        rate = J.point(jnp.where(low == high, 0.0, jnp.nan).astype(dtype))
+        return Jet(J.Interval(low, high), rate, rate)
+    if not jnp.issubdtype(dtype, jnp.floating):
+        return None
+    return J.linear(lambda y: y.astype(dtype), x)
+
+
+def _moved(jets: list[Jet], bind) -> Jet:
+    """A linear operation on several jets at once: they are laid side by side, say."""
+    parts = []
+    for all_parts in zip(*jets, strict=True):
+        if all(part is None for part in all_parts):
+            parts.append(None)
+            continue
+        filled = [part or J.point(jnp.zeros_like(jet.value.low)) for part, jet in zip(all_parts, jets, strict=True)]
+        exact = all(part.exact for part in filled)
+        low = bind(*(part.low for part in filled))
+        parts.append(J.Interval(low, low if exact else bind(*(part.high for part in filled))))
+    return Jet(*parts)
+
+
+def _unknown(aval) -> Jet | Truth:
+    if aval.dtype == bool:
+        return Truth(jnp.zeros(aval.shape, bool), jnp.ones(aval.shape, bool))
+    nothing = J.point(jnp.full(aval.shape, jnp.nan, jnp.result_type(float)))
+    return Jet(nothing, nothing, nothing)

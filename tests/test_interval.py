@@ -1,0 +1,111 @@
+"""Interval arithmetic holds what it claims: every sampled value lies within the bounds."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from hybridsens.interval.arithmetic import Interval, point
+from hybridsens.interval.enclosure import enclose
+from hybridsens.interval.jet import Jet
+from hybridsens.interval.kind import Kind, kinds
+
+SAMPLES = 41
+MATRIX = np.array([[1.0, -2.0], [0.5, 3.0]])
+FUNCTIONS = {
+    "polynomial": lambda x, y: x**3 - 2 * x * x * y + y**2 - 1.5,
+    "quotient": lambda x, y: x / (2 + y * y) - 1 / (3 + jnp.sin(x)),
+    "waves": lambda x, y: jnp.sin(3 * x) * jnp.cos(x - y) + jnp.tan(0.3 * y),
+    "bells": lambda x, y: jnp.exp(-((x / 0.2) ** 2)) + jnp.exp2(y) * jnp.expm1(x),
+    "roots": lambda x, y: jnp.sqrt(x * x + y * y + 0.1) + jax.lax.rsqrt(1 + jnp.exp(y)) + jnp.log1p(y * y),
+    "logarithm": lambda x, y: jnp.log(5 + x) * (5 + y) ** 1.3,
+    "steps": lambda x, y: jnp.tanh(4 * x) + jax.nn.sigmoid(y) + jax.scipy.special.erf(x * y) + jnp.arctan(x + y),
+    "hyperbolic": lambda x, y: jnp.sinh(x) - jnp.cosh(y),
+    "kinks": lambda x, y: jnp.abs(x) + jnp.maximum(x, y) - jnp.minimum(2 * x, 1.0) + jnp.clip(y, -0.5, 0.5),
+    "cases": lambda x, y: jnp.where(x > y, x - y, jnp.where((x < 0) & ~(y <= 0), 1.0, x * y)),
+    "jumps": lambda x, y: jnp.sign(x) + jnp.floor(3 * y) + (x >= 0.5) * y,
+    "products": lambda x, y: jnp.stack([x, y]) @ (MATRIX @ jnp.stack([x * y, jnp.cos(y)])) + jnp.dot(x[None], x[None]),
+    "shapes": lambda x, y: jnp.cumsum(jnp.concatenate([x[None], MATRIX[1] * y]))[::-1].reshape(3, 1).T.sum(),
+}
+
+
+def path(s, numbers):
+    """A cubic in s for x and one for y."""
+    a, b = jnp.asarray(numbers).reshape(2, 4)
+    return [c[0] + c[1] * s + c[2] * s**2 + c[3] * s**3 for c in (a, b)]
+
+
+def jets(numbers, low, width):
+    """Exact ranges of x and y along a stretch of their paths, by a thousand samples and their ends."""
+    s = np.linspace(low, low + width, 1001)
+    made = []
+    for c in np.asarray(numbers).reshape(2, 4):
+        value, rate, bend = np.polynomial.Polynomial(c), *(np.polynomial.Polynomial(c).deriv(k) for k in (1, 2))
+        parts = [value(s), rate(s), bend(s)]
+        slack = [np.abs(np.diff(p)).max() for p in parts]
+        bounds_of = lambda p, e: Interval(jnp.array(p.min() - e), jnp.array(p.max() + e))
+        made.append(Jet(*map(bounds_of, parts, slack)))
+    return made
+
+
+def bounds(function):
+    """Compiled: bounds of f, f', f'' along a stretch; and their values at a place."""
+    trace = jax.make_jaxpr(function)(0.0, 0.0)
+
+    def enclosed(x, y):
+        jet = enclose(trace, [x, y])
+        zero = point(jnp.zeros_like(jet.value.low))
+        return [part or zero for part in jet]
+
+    def along(numbers):
+        f = lambda s: function(*path(s, numbers))
+        return lambda s: jnp.stack([f(s), jax.grad(f)(s), jax.grad(jax.grad(f))(s)])
+
+    return jax.jit(enclosed), jax.jit(lambda numbers, s: jax.vmap(along(numbers))(s))
+
+
+COMPILED = {}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+@settings(max_examples=40, deadline=None, derandomize=True, phases=[Phase.generate])
+@given(
+    numbers=st.lists(st.floats(-1.5, 1.5), min_size=8, max_size=8), low=st.floats(0, 1), power=st.integers(0, 20)
+)
+def test_values_and_derivatives_lie_within_their_bounds(name, numbers, low, power):
+    """Along cubics in s, stretches of length 1 to 1e-6; where bounds of a derivative are unknown, none is claimed."""
+    if name not in COMPILED:
+        COMPILED[name] = bounds(FUNCTIONS[name])
+    enclosed, along = COMPILED[name]
+    parts = enclosed(*jets(numbers, low, 2.0**-power))
+    values = np.asarray(along(jnp.array(numbers), low + 2.0**-power * jnp.linspace(0, 1, SAMPLES)))
+    for order, (part, samples) in enumerate(zip(parts, values.T, strict=True)):
+        if np.isnan(part.low) or np.isnan(part.high):
+            assert order > 0 or power < 3
+            continue
+        rounded = 1e-13 * (1 + np.abs(samples).max())
+        assert np.all(samples >= part.low - rounded) and np.all(samples <= part.high + rounded)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_bounds_close_in_on_a_short_stretch(name):
+    """The range of f over a stretch of 1e-6 is no wider than 1e-4: bounds that are too wide would prove nothing."""
+    numbers = [0.3, 0.4, -0.2, 0.1, -0.7, 0.5, 0.3, -0.6]
+    jet = bounds(FUNCTIONS[name])[0](*jets(numbers, 0.2, 1e-6))
+    assert jet[0].high - jet[0].low < 1e-4
+    assert jet[2].high - jet[2].low < 1e-2
+
+
+def test_kinds_are_told_entry_by_entry():
+    """Constant, affine, curved and unknown, beside each other in one result."""
+    table = jnp.arange(4.0)
+
+    def gap(t, q):
+        unknown = jnp.interp(q[0], table, table)
+        return jnp.stack([table[1], 2 * q[0] - t / 3, q[0] * q[1], unknown, jnp.where(q[1] > 0, 1.0, 2.0)])
+
+    trace = jax.make_jaxpr(gap)(0.0, jnp.zeros(2))
+    found = kinds(trace, [np.full(x.shape, Kind.AFFINE) for x in trace.in_avals])
+    assert found.tolist() == [Kind.CONSTANT, Kind.AFFINE, Kind.CURVED, Kind.UNKNOWN, Kind.CURVED]
