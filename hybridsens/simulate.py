@@ -61,8 +61,9 @@ def simulate(
       their stages unrolled.
     - `rtol`, `atol`: tolerances of the error control per step.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
-    - `max_step`: longest step [s]. A gap is looked at where steps end: give the time that a thin obstacle takes to
-      pass, or a short dip of a gap lasts, if the error control alone may step over it.
+    - `max_step`: longest step [s]. Dips of a gap inside a step are searched for by bounds, however short; only a gap
+      that is read from a table or made by a loop is sampled instead, at 16 places of a step or more: for such a one
+      give the time that its shortest dip lasts.
     - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of
       impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,

@@ -21,8 +21,9 @@ class Status(eqx.Enumeration):
         "reached; `rtol` and `atol` may be too tight for the floating point type."
     )
     non_finite = (
-        "a state or a force is not finite. Look at the force, mass matrix, gap and running cost at the last time "
-        "reached."
+        "a state, a force, or a gap or its rate is not finite. Look at the force, mass matrix, gap and running cost, "
+        "and at their derivatives, at the last time reached (the derivative of `jnp.where` is nan where that of the "
+        "branch that was not taken is)."
     )
     grazing = (
         "the motion reached its end, but touched or missed a contact so narrowly that the tolerances cannot tell "

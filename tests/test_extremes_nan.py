@@ -68,3 +68,11 @@ def test_a_gap_without_a_rate_cannot_begin():
     """The value is right and its derivative is none: that is not called a penetration."""
     motion = run(rate_below=HIGH)
     assert motion.status == hs.Status.non_finite and motion.events.count == 0
+
+
+@pytest.mark.parametrize("height", [0.3, 1e-3])
+def test_a_gap_that_loses_its_rate_ends_the_motion(height):
+    """From some height on the gap has no derivative, as `jnp.where` leaves it easily: no fall through the floor."""
+    motion = run(rate_below=height)
+    assert motion.status == hs.Status.non_finite
+    assert_close(motion.final.q, np.array([height]), 1e-9, scale=1.0)

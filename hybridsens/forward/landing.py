@@ -162,7 +162,7 @@ class LandingController(diffrax.AbstractStepSizeController):
             rejected=state.rejected + ~keep,
             fired=first_to_fall(on_guard, guard, rate),
             grazing=state.grazing | (accurate & any_of(inside.miss <= system.grazing_depth(mode))),
-            finite=all_of(jnp.isfinite(y1_candidate)) & all_of(jnp.isfinite(guard)),
+            finite=all_of(jnp.isfinite(y1_candidate)) & _known(guard, rate),
         )
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, keep, landed, new)
 
@@ -174,7 +174,7 @@ class LandingController(diffrax.AbstractStepSizeController):
         end = jnp.where(rising, 0, guard + state.noise)
         root, miss = first_falling_root(state.guard, state.rate * h, end, rate * h, self.start.rounding)
         unresolved = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
-        known = all_of(jnp.isfinite(guard))  # a guard that is no number would never fall
+        known = _known(guard, rate)  # a guard that is no number would never fall
         t_root = t0 + smallest(jnp.where(on_guard | unresolved | ~known, jnp.inf, root)) * h
         ends = (state.guard, state.rate * h, jnp.where(rising, 0, guard), rate * h, self.start.rounding + state.noise)
         split = smallest(tangents_meet_below(*ends))
@@ -221,3 +221,8 @@ def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> Int[Array, "
     if guard.shape[0] == 0:
         return jnp.array(-1)
     return jnp.argmax(jnp.where(candidates, guard / jnp.where(rate < 0, rate, 1), -jnp.inf))
+
+
+def _known(guard, rate) -> Bool[Array, ""]:
+    """Whether guards are finite and their rates are numbers; a rate may be infinite where a gap is a square root."""
+    return all_of(jnp.isfinite(guard) & ~jnp.isnan(rate))
