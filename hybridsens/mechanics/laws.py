@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 from ..precision import closeness
 from ..short import product
 from .complementarity import complementarity_support
-from .contact import ContactGeometry, gap_and_rate, gap_rate_and_bias
+from .contact import ContactGeometry, gap_rate_and_bias
 from .dense import solve_masked
 from .flow import free_acceleration
 from .scene import AbstractScene
@@ -55,21 +55,34 @@ def impulse_support(
     return complementarity_support(geometry.delassus_matrix, (1 + restitution) * rate, closed, noise)
 
 
+class GapAcceleration(NamedTuple):
+    """Phi'' of every contact with all of them open, G^T M^-1 F + gamma [m/s^2]."""
+
+    free: Float[Array, "contact"]
+    noise: Float[Array, "contact"]
+    """What rounding leaves in it."""
+
+    def held(self, geometry: ContactGeometry, active: Bool[Array, "contact"]) -> Float[Array, "contact"]:
+        """Phi'' where the active contacts are held, by (T1): free + W lambda."""
+        multiplier = solve_masked(geometry.delassus_matrix, -self.free, active.astype(self.free.dtype))
+        return self.free + product(geometry.delassus_matrix, multiplier)
+
+
+def gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v) -> GapAcceleration:
+    """Phi'' = G^T v' + gamma with v' = M^-1 F."""
+    free = free_acceleration(scene, t, q, v)
+    _, bias = gap_rate_and_bias(scene, t, q, v)
+    size = product(jnp.abs(geometry.jacobian), jnp.abs(free)) + jnp.abs(bias)
+    return GapAcceleration(product(geometry.jacobian, free) + bias, closeness(q.dtype) * size)
+
+
 def gauss_selection(
-    scene: AbstractScene, geometry: ContactGeometry, t, q, v, closed: Bool[Array, "contact"], slowest
+    geometry: ContactGeometry, acceleration: GapAcceleration, rate, closed: Bool[Array, "contact"], slowest
 ) -> Selection:
     """Gauss's principle (1.4)-(1.5) as (T2) on the contacts that are closed and have no rate.
 
     0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0; a rate up to `slowest` (contact,) counts as none.
     """
-    _, rate = gap_and_rate(scene, t, q, v)
-    tolerance = closeness(q.dtype)
     still = closed & (jnp.abs(rate) <= slowest)
-    free = free_acceleration(scene, t, q, v)
-    _, bias = gap_rate_and_bias(scene, t, q, v)
-    gap_acceleration = product(geometry.jacobian, free) + bias
-    noise = tolerance * (product(jnp.abs(geometry.jacobian), jnp.abs(free)) + jnp.abs(bias))
-    active = complementarity_support(geometry.delassus_matrix, gap_acceleration, still, noise)
-    multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
-    left_over = gap_acceleration + product(geometry.delassus_matrix, multiplier)
-    return Selection(active, still & ~active & (left_over <= noise))
+    active = complementarity_support(geometry.delassus_matrix, acceleration.free, still, acceleration.noise)
+    return Selection(active, still & ~active & (acceleration.held(geometry, active) <= acceleration.noise))

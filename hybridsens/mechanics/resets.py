@@ -14,9 +14,8 @@ from ..short import any_of, product
 from ..status import Status
 from .checks import may_begin
 from .complementarity import independent_superset
-from .contact import ContactGeometry, contact_geometry, gap_and_rate, gap_rate_and_bias
-from .flow import acceleration
-from .laws import Selection, gauss_selection, impulse_support, transition_impulse
+from .contact import ContactGeometry, contact_geometry, gap_and_rate
+from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
 from .scene import AbstractScene
 
@@ -99,7 +98,7 @@ def _meet(scene: AbstractScene, atol, event, t, q, v, mode: ContactMode) -> tupl
     """Who meets, and the mode with its memory of sizes brought up to date."""
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
-    gap_acceleration = _gap_acceleration(scene, geometry, t, q, v, mode)
+    pressed = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
     mode = _wider_scales(mode, geometry, q, v, atol)
     tolerance = gap_tolerance(mode.length)
     start = event < 0
@@ -110,9 +109,9 @@ def _meet(scene: AbstractScene, atol, event, t, q, v, mode: ContactMode) -> tupl
     closed = jnp.where(is_release, held & ~fired, held | fired | touching)
     closed = jnp.where(start, gap <= tolerance, closed)
     struck = closed & ~is_release & ~start
-    unseen = jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(gap_acceleration) * mode.length)
+    unseen = _unseen_rate(pressed, mode)
     fastest = jnp.where(struck, jnp.maximum(mode.fastest, -rate), mode.fastest)
-    meeting = Meeting(geometry, gap, rate, gap_acceleration, fired, closed, struck, unseen)
+    meeting = Meeting(geometry, gap, rate, pressed, fired, closed, struck, unseen)
     return meeting, dataclasses.replace(mode, fastest=fastest)
 
 
@@ -150,12 +149,15 @@ def _apply_laws(scene: AbstractScene, capture_speed: float, meeting: Meeting, t,
         restitution = jnp.where(last.plastic, 0, e)
         support = impulse_support(geometry, rate, restitution, struck, mode.speed)
         v_after = v + product(geometry.mobility, transition_impulse(geometry, rate, restitution, support, last.settled))
+        _, rate_after = gap_and_rate(scene, t, q, v_after)
+        acceleration = gap_acceleration(scene, geometry, t, q, v_after)
         together = (k == 2) & (not alone)
         who, limit = meeting.closed, still
         if not alone:
-            slow_to_leave = _slow_leave(scene, meeting, t, q, v_after, mode, last.selection.active, cut)
+            falls = acceleration.held(geometry, last.selection.active)
+            slow_to_leave = jnp.maximum(cut, _unseen_rate(falls, mode))
             who, limit = jnp.where(together, struck, who), jnp.where(together, jnp.maximum(still, slow_to_leave), still)
-        selection = gauss_selection(scene, geometry, t, q, v_after, who, limit)
+        selection = gauss_selection(geometry, acceleration, rate_after, who, limit)
         plastic = jnp.where(k == 0, slow & selection.active, last.plastic)
         settled = last.settled
         if not alone:
@@ -169,16 +171,9 @@ def _apply_laws(scene: AbstractScene, capture_speed: float, meeting: Meeting, t,
     return lax.fori_loop(0, 2 if alone else 4, turn, start)
 
 
-def _slow_leave(scene: AbstractScene, meeting: Meeting, t, q, v, mode: ContactMode, active, slow):
-    """Rates up to which a contact leaves too slowly to matter; `active` are held when it falls back."""
-    falls = _gap_acceleration(scene, meeting.geometry, t, q, v, dataclasses.replace(mode, active=active))
-    return jnp.maximum(slow, jnp.sqrt(4 * rounding(q.dtype) * jnp.abs(falls) * mode.length))
-
-
-def _gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v, mode: ContactMode):
-    """Phi'' = G^T v' + gamma in a mode."""
-    _, bias = gap_rate_and_bias(scene, t, q, v)
-    return product(geometry.jacobian, acceleration(scene, t, q, v, mode.active)) + bias
+def _unseen_rate(gap_acceleration, mode: ContactMode):
+    """Rates up to which a contact that falls back hops lower than the rounding of its gap."""
+    return jnp.sqrt(4 * rounding(mode.length.dtype) * jnp.abs(gap_acceleration) * mode.length)
 
 
 def _hop(scene: AbstractScene, t, q, v, gap_acceleration, leaving):
