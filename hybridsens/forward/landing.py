@@ -135,7 +135,8 @@ class LandingController(diffrax.AbstractStepSizeController):
         on_guard = self._on_guard(t0, t1, guard, rate, state)
         inside = self._look_inside(t0, t1, guard, rate, on_guard, state)
         if system.searches(t0, y0):
-            ends = StepEnds(t0, y0, state.guard, state.rate, t1, y1_candidate, guard, rate, y_error, error_order)
+            begin, end, error = jnp.asarray(t0), jnp.asarray(t1), jnp.asarray(y_error)
+            ends = StepEnds(begin, y0, state.guard, state.rate, end, y1_candidate, guard, rate, error, error_order)
             inside = self._search(system, mode, ends, accurate, inside, state.noise)
         cut = accurate & inside.crossed
         doubtful = ~inside.crossed & jnp.isfinite(inside.split)
