@@ -5,7 +5,6 @@ step is as exact as the recorded one, for any solver, and its derivative is that
 """
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -13,7 +12,6 @@ from jaxtyping import Array, Float
 from ..hybrid import AbstractHybridSystem
 from .record import Motion, segment
 from .solver import one_step
-from .tangent import push
 
 
 def sample_states(
@@ -27,18 +25,6 @@ def sample_states(
         k = jnp.searchsorted(motion.steps.t, t, side="right") - 1
         k = jnp.clip(k, 0, motion.steps.count)
         mode, _, _ = segment(motion, jnp.sum(passed & (ends <= k)))
-        return _shorter_step(motion.begun, solver, system, mode, motion.steps.t[k], t, motion.steps.x[k])
+        return one_step(solver, system, mode, motion.steps.t[k], t, motion.steps.x[k])
 
     return jax.vmap(state_at)(ts)
-
-
-@eqx.filter_custom_jvp
-def _shorter_step(begun, solver, system, mode, t0, t, x0):
-    del begun
-    return one_step(solver, system, mode, t0, t, x0)
-
-
-@_shorter_step.def_jvp
-def _shorter_step_jvp(primals, tangents):
-    (begun, solver, *point), (_, _, *directions) = primals, tangents
-    return push(lambda *point: one_step(solver, *point), begun, point, directions)
