@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .mechanics.checks import check_room, check_shapes, real_array, real_tolerance
+from .mechanics.clearance import warn_of_sampled_gaps
 from .mechanics.closures import lift_closures
 from .mechanics.mode import default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
@@ -92,6 +93,8 @@ def simulate(
 
 @eqx.filter_jit
 def _simulate(system: MechanicalSystem, state: State, t0, t1, ts, method: Method, adjoint) -> Trajectory:
+    if method.max_step is None:
+        warn_of_sampled_gaps(system.scene, t0, state.q)
     cost_shape = None
     running_cost = system.running_cost
     if running_cost is not None:

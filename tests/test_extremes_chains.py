@@ -13,7 +13,7 @@ from benchmarks.memory import exact_slope
 
 
 def test_two_thousand_impacts_keep_energy_time_and_gradient():
-    """An elastic ball: no impact missed, energy to 2.5e-15 per impact, event times to 1e-10, the gradient to 1e-7 of the closed form."""
+    """An elastic ball: no impact missed, energy to 2.5e-15 per impact, times to 1e-10, the gradient to 1e-6."""
     count = 2000
     horizon = (2 * count - 0.5) * np.sqrt(2 / long_chains.GRAVITY)
     height = long_chains.final_height_of(count, horizon)

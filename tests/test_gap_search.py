@@ -139,8 +139,10 @@ def test_a_pulse_in_time_is_met(length):
 
 
 def test_a_table_is_sampled_inside_the_step():
-    """A search in a table has no bounds; a roof as wide as a sixteenth of the step is found by samples all the same."""
-    motion = fly(Table(jnp.array([0.03, 0.5])))
+    """A search in a table has no bounds, which is said; a roof as wide as a sixteenth of the step is found all the
+    same."""
+    with pytest.warns(UserWarning, match="max_step"):
+        motion = fly(Table(jnp.array([0.03, 0.5])))
     assert motion.events.count >= 1
     time = 0.5 - 0.03 * (1 - (1 + height(0.48)) / 1.5)
     assert abs(float(motion.events.time[0]) - time) < 3e-3

@@ -6,6 +6,7 @@ the stretch is halved. To find the events that samples miss by interval arithmet
 event location in differential-algebraic models, 1996).
 """
 
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -98,6 +99,18 @@ def gap_kinds(scene: AbstractScene, t, q):
     """How each gap depends on (t, q), as an array of `Kind`, and the trace of the gaps that tells."""
     trace = jax.make_jaxpr(scene.gap)(t, q)
     return kinds(trace, [np.full(x.shape, Kind.AFFINE) for x in trace.in_avals]), trace
+
+
+def warn_of_sampled_gaps(scene: AbstractScene, t, q) -> None:
+    """Say so where dips of a gap inside a step are only sampled: a short one may be stepped over."""
+    unknown = np.flatnonzero(gap_kinds(scene, t, q)[0] == Kind.UNKNOWN).tolist()
+    if unknown:
+        warnings.warn(
+            f"Gaps {unknown} are read from a table or made by a loop or by an operation without known bounds, so a dip "
+            f"inside a step is looked for at {round(1 / COARSEST)} places of it or more, and a shorter one is missed. "
+            "Give `max_step`, the time that the shortest dip lasts (t1 - t0 if there is none).",
+            stacklevel=2,
+        )
 
 
 def search_gaps(scene: AbstractScene, path: Path, step: StepEnds, tolerance, searched, wanted) -> Searched:
