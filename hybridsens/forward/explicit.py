@@ -5,7 +5,7 @@ arithmetic; a large flow is better traced once and run in a plain loop, since co
 """
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
@@ -66,7 +66,7 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         first, rises = self._stages(lambda c, y: terms.vf(t0 + c * h, y, args), y0, h, first)
         y1 = system.project(t1, y0 + h * _mean(_weights(tableau), 1.0, first, rises), mode)
         last = terms.vf(t1, y1, args) if tableau.fsal else None
-        error = h * _mean(tableau.b_error, 0.0, first, [*rises, last - first] if tableau.fsal else rises)
+        error = h * _mean(tableau.b_error, 0.0, first, rises if last is None else [*rises, last - first])
         return y1, error, last
 
     def advance(self, system, mode, t0, t1, y0):
@@ -75,7 +75,7 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None)
         return system.project(t1, y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), mode)
 
-    def _stages(self, f, y0, h, first):
+    def _stages(self, f, y0, h, first) -> tuple[Any, list[Any]]:
         """k_0, and k_i - k_0 of the other stages but a first-same-as-last one."""
         tableau = self.tableau
         rows = tableau.a_lower[:-1] if tableau.fsal else tableau.a_lower
