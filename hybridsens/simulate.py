@@ -59,7 +59,7 @@ def simulate(
     - `running_cost`: `running_cost(scene, t, q, v)`, a scalar or a PyTree; its integral comes back as `.cost`. It is
       integrated as part of the state, under the same error control.
     - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default. Explicit ones are run with
-      their stages unrolled.
+      stages of our own.
     - `rtol`, `atol`: tolerances of the error control per step.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
     - `max_step`: longest step [s]. Dips of a gap inside a step are searched for by bounds, however short; only a gap

@@ -18,6 +18,9 @@ def push(function: Callable[..., Any], here, primals, tangents):
 
     `here` is true wherever this is reached, and nothing that the compiler can foresee: the coefficients of the tangent
     map are what a conditional returns, so they are computed before, and not inside, the arithmetic of the directions.
+
+    For forward mode alone: a branch that is not taken leaves zeros for coefficients, and the map may divide by them. A
+    selection drops what comes of it going forward; transposed under `jax.vmap`, it would let nan through.
     """
     moving = jax.tree.map(lambda d, p: None if d is None else p, tangents, primals, is_leaf=_is_none)
     fixed = jax.tree.map(lambda d, p: p if d is None else None, tangents, primals, is_leaf=_is_none)
