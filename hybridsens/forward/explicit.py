@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -123,7 +124,10 @@ def _stages_in_a_loop(f, y0, h, first, rows, c):
 
     known = 0 if first is None else 1
     start = first if known else jnp.zeros_like(y0), jnp.zeros((count, *y0.shape), y0.dtype)
-    (first, rises), _ = lax.scan(stage, start, jnp.arange(known, count))
+    # On the way back a stage is computed again from what it started from: that is quicker, to run and to compile,
+    # than to keep every number inside of it in a buffer of its own.
+    again = jax.checkpoint(stage, prevent_cse=False)
+    (first, rises), _ = lax.scan(again, start, jnp.arange(known, count))
     return first, [rises[i] for i in range(1, count)]
 
 
