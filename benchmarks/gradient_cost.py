@@ -3,9 +3,10 @@
     python -m benchmarks.gradient_cost             # reference problems, batches, shipped scenes, no contacts at all
     python -m benchmarks.gradient_cost --quick     # P2 alone
 
-One run on one machine, so compare the ratios. Compile times stand apart. The plain chain of Diffrax events is timed
-twice: under the settings of `hybridsens.configure()`, which help it too, and in a process of its own under JAX's own
-settings, as somebody without this package runs it. Rows also go to results/gradient_cost.csv.
+One run on one machine and one core of it, so compare the ratios. Compile times, with all cores, stand apart. The plain
+chain of Diffrax events is timed twice: under the settings of `hybridsens.configure()`, which help it too, and in a
+process of its own under JAX's own settings, as somebody without this package runs it. Rows also go to
+results/gradient_cost.csv.
 """
 
 import argparse
@@ -20,24 +21,25 @@ from pathlib import Path
 
 import hybridsens as hs
 
-from .machine import describe
+from .machine import describe, one_core
 from .peers import casadi_c, diffrax_chain, reference
 
 TOLERANCE = 1e-8
 
 
 def timed(function, *arguments, calls: int = 400):
-    """Median seconds of a call that waits for its result, and seconds of the first call (compilation)."""
+    """Median seconds of a call on one core that waits for its result, and seconds of the first call, which compiles."""
     import jax
 
     start = time.perf_counter()
     jax.block_until_ready(function(*arguments))
     first = time.perf_counter() - start
-    start, times = time.perf_counter(), []
-    while len(times) < 9 or (len(times) < calls and time.perf_counter() - start < 3):
-        begin = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
-        times.append(time.perf_counter() - begin)
+    with one_core():
+        start, times = time.perf_counter(), []
+        while len(times) < 9 or (len(times) < calls and time.perf_counter() - start < 3):
+            begin = time.perf_counter()
+            jax.block_until_ready(function(*arguments))
+            times.append(time.perf_counter() - begin)
     return statistics.median(times), first
 
 
@@ -98,10 +100,11 @@ def _casadi_seconds(problem: str, parameters, mode: str) -> float:
     many = np.tile(parameters, (200, 1))
     gradient.many(many)
     times = []
-    for _ in range(9):
-        start = time.perf_counter()
-        gradient.many(many)
-        times.append((time.perf_counter() - start) / len(many))
+    with one_core():
+        for _ in range(9):
+            start = time.perf_counter()
+            gradient.many(many)
+            times.append((time.perf_counter() - start) / len(many))
     return statistics.median(times)
 
 

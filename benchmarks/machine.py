@@ -1,8 +1,10 @@
 """What every figure is written beside: machine, versions, commit."""
 
+import contextlib
 import os
 import platform
 import subprocess
+from collections.abc import Iterator
 from importlib.metadata import version
 
 
@@ -16,6 +18,29 @@ def describe() -> dict:
         **{name: version(name) for name in packages},
         "commit": _commit(),
     }
+
+
+@contextlib.contextmanager
+def one_core() -> Iterator[None]:
+    """All threads of this process on one core, where the system can do that (Linux).
+
+    XLA hands parts of a program from thread to thread; to wake an idle core for them takes longer than a short motion.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    _put_threads_on({max(allowed)})
+    try:
+        yield
+    finally:
+        _put_threads_on(allowed)
+
+
+def _put_threads_on(cores: set[int]) -> None:
+    for thread in os.listdir("/proc/self/task"):
+        with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+            os.sched_setaffinity(int(thread), cores)
 
 
 def _processor() -> str:
