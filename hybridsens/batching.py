@@ -11,18 +11,21 @@ import jax.numpy as jnp
 from jax import lax
 
 
-def map_lanes_on_cpu(function: Callable, one_lane: Callable | None = None) -> Callable:
+def map_lanes_on_cpu(function: Callable, alone: Callable, one_lane: Callable | None = None) -> Callable:
     """`function` of PyTrees of arrays returning (result, scratch); under `jax.vmap` on a CPU, lanes are mapped.
 
-    A batch does not keep the scratch of its lanes: zeros stand in its place, without a batch axis. `one_lane(batched,
-    *arguments)` replaces `function` for the lanes of a batch; `batched` says for each argument whether any of it has
-    a batch axis, so that a scratch that was not kept can be told from one that was.
+    `alone` replaces it on a CPU where there is no batch. A batch does not keep the scratch of its lanes: zeros stand in
+    its place, without a batch axis. `one_lane(batched, *arguments)` replaces `function` for the lanes of a batch;
+    `batched` says for each argument whether any of it has a batch axis, so that a scratch that was not kept can be told
+    from one that was.
     """
     if jax.default_backend() != "cpu":
         return function
-    mapped = jax.custom_batching.custom_vmap(function)
+    mapped = jax.custom_batching.custom_vmap(function)  # a lane, which may be a batch again
+    by_itself = jax.custom_batching.custom_vmap(alone)
 
     @mapped.def_vmap
+    @by_itself.def_vmap
     def rule(axis_size, in_batched, *arguments):
         del axis_size
         leaves, tree = jax.tree.flatten(arguments)
@@ -45,6 +48,6 @@ def map_lanes_on_cpu(function: Callable, one_lane: Callable | None = None) -> Ca
 
     # JAX's own forward rule of a custom batching rule fails when only tangents have a batch axis (an assertion in
     # jax 0.10), so forward mode sees the plain function.
-    with_jvp = jax.custom_jvp(mapped)
+    with_jvp = jax.custom_jvp(by_itself)
     with_jvp.defjvp(lambda primals, tangents: jax.jvp(function, primals, tangents))
     return with_jvp

@@ -20,6 +20,8 @@ from .forward.sampling import sample_states
 from .forward.segment_loop import run_segments
 from .forward.solver import FlowSize, flow_size
 from .hybrid import AbstractHybridSystem, Mode
+from .one_kernel import in_one_kernel
+from .packed import Packed, pack
 from .status import Status
 from .traced_once import TracedOnce
 
@@ -144,33 +146,57 @@ def _filled(primal, tangent):
     return jax.tree.map(fill, primal, tangent, is_leaf=lambda leaf: leaf is None)
 
 
-def _forward(inputs: Inputs, setting: Setting) -> tuple[Reported, Motion]:
+def _forward(inputs: Inputs, setting: Setting) -> tuple[Reported, Packed]:
     """Report and full record. A CPU's batch keeps no records: `_backward` runs its lanes again."""
     dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
-    return map_lanes_on_cpu(lambda dynamic: _forward_lane(*eqx.combine(dynamic, static)))(dynamic)
+    room = setting.method.max_events
+    go = lambda dynamic: _forward_lane(*eqx.combine(dynamic, static))
+
+    def lane(dynamic):
+        motion, samples = go(dynamic)
+        return _report(motion, samples, room), pack((motion, samples))
+
+    def alone(dynamic):
+        packed = in_one_kernel(go)(dynamic)
+        return _report(*packed.unpack(), room), packed
+
+    return map_lanes_on_cpu(lane, alone)(dynamic)
 
 
 @eqx.filter_jit  # traced for the value and again for its gradient: the second time it is looked up
-def _forward_lane(inputs: Inputs, setting: Setting) -> tuple[Reported, Motion]:
+def _forward_lane(inputs: Inputs, setting: Setting) -> tuple[Motion, Float[Array, "sample state"] | None]:
+    """A motion and its samples."""
     motion = _run(inputs, setting)
-    return _report(inputs, setting, motion), motion
+    if inputs.ts is None:
+        return motion, None
+    solver = setting.method.replay_solver(_flow_size(inputs, setting))
+    samples = sample_states(inputs.system, solver, motion, inputs.ts)
+    reached = inputs.ts <= motion.t
+    return motion, jnp.where(reached[:, None], samples, jnp.nan)  # one that broke off has no states further on
 
 
-def _backward(inputs: Inputs, setting: Setting, motion: Motion, reported_bar: Reported, how: _How) -> Inputs:
+def _backward(inputs: Inputs, setting: Setting, record: Packed, reported_bar: Reported, how: _How) -> Inputs:
     """Cotangents of the inputs from those of the report (None where nothing depends on an entry)."""
     dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
 
-    def lane(dynamic, motion, bar):
+    def go_back(dynamic, motion, bar):
         inputs, setting = eqx.combine(dynamic, static)
-        return _backward_lane(inputs, setting, motion, bar, how), None
+        return _backward_lane(inputs, setting, motion, bar, how)
 
-    def lane_of_batch(batched, dynamic, motion, bar):
-        inputs_batched, motion_batched, _ = batched
-        if inputs_batched and not motion_batched:
-            _, motion = _forward_lane(*eqx.combine(dynamic, static))
-        return lane(dynamic, motion, bar)
+    def lane(dynamic, record, bar):
+        return go_back(dynamic, record.unpack()[0], bar), None
 
-    return map_lanes_on_cpu(lane, lane_of_batch)(dynamic, motion, reported_bar)[0]
+    def alone(dynamic, record, bar):
+        return in_one_kernel(lambda *given: lane(*given)[0])(dynamic, record, bar).unpack(), None
+
+    def lane_of_batch(batched, dynamic, record, bar):
+        inputs_batched, record_batched, _ = batched
+        if inputs_batched and not record_batched:
+            motion, _ = _forward_lane(*eqx.combine(dynamic, static))
+            return go_back(dynamic, motion, bar), None
+        return lane(dynamic, record, bar)
+
+    return map_lanes_on_cpu(lane, alone, lane_of_batch)(dynamic, record, reported_bar)[0]
 
 
 def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported, how: _How) -> Inputs:
@@ -207,17 +233,9 @@ def _sample_vjp(parameters, static, solver, motion: Motion, ts, samples_bar):
     return by_parameters, (grid_t, grid_x), by_ts
 
 
-def _report(inputs: Inputs, setting: Setting, motion: Motion) -> Reported:
+def _report(motion: Motion, samples: Float[Array, "sample state"] | None, room: int) -> Reported:
     events = motion.events
-    room = setting.method.max_events
     cut = lambda rows: jax.tree.map(lambda leaf: leaf[:room], rows)
-    samples = None
-    if inputs.ts is not None:
-        samples = sample_states(
-            inputs.system, setting.method.replay_solver(_flow_size(inputs, setting)), motion, inputs.ts
-        )
-        reached = inputs.ts <= motion.t
-        samples = jnp.where(reached[:, None], samples, jnp.nan)  # a motion that broke off has no states further on
     return Reported(
         motion.x, samples, cut(events.time), cut(events.before), cut(events.after), cut(events.emitted),
         cut(events.guard), cut(events.decision.kind), events.count, motion.mode, motion.status,

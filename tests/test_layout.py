@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "hybridsens"
-FRONT = {"status", "simulate", "solve", "trajectory", "batching", "traced_once"}
+FRONT = {"status", "simulate", "solve", "trajectory", "batching", "packed", "one_kernel", "traced_once"}
 BELOW = {"hybrid", "interval", "mechanics", "forward", "adjoint", "configure", "precision", "scenes"} | FRONT
 MAY_IMPORT = {
     "status": set(),
@@ -17,12 +17,14 @@ MAY_IMPORT = {
     "configure": set(),
     "precision": set(),
     "batching": set(),
+    "packed": set(),
+    "one_kernel": {"packed"},
     "interval": set(),
     "mechanics": {"hybrid", "interval", "precision", "status", "short"},
     "forward": {"hybrid", "precision", "status", "short"},
     "adjoint": {"hybrid", "forward", "precision"},
     "traced_once": {"hybrid"},
-    "solve": {"hybrid", "forward", "adjoint", "batching", "traced_once", "precision", "status"},
+    "solve": {"hybrid", "forward", "adjoint", "precision", "status"} | FRONT - {"simulate", "trajectory"},
     "trajectory": {"mechanics", "status"},
     "simulate": {"hybrid", "mechanics", "forward", "adjoint", "precision"} | FRONT,
     "scenes": {"mechanics"},

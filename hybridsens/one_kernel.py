@@ -1,0 +1,42 @@
+"""A function that runs as one compiled kernel of a CPU.
+
+XLA runs a program there as a list of small kernels, and as soon as there are more than a few of them, on several
+threads. To wake a thread takes longer than a short motion. A loop is compiled into one kernel (see `configure`), so a
+loop of one turn makes one of all that is inside of it; and as every array that it carries begins as a kernel of its
+own, it carries few.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .packed import Packed, pack
+
+
+def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
+    """`function` of PyTrees of arrays, with its result packed.
+
+    The arguments begin as what the loop carries and the results end as it: of two vectors, one real, one whole.
+    """
+
+    def looped(*arguments):
+        given, result = pack(arguments), jax.eval_shape(lambda *given: pack(function(*given)), *arguments)
+        reals, wholes = max(given.real.size, result.real.size), max(given.whole.size, result.whole.size)
+        fit = lambda part, size: jnp.pad(part, (0, size - part.size))
+        counted = lambda turn, whole: jnp.concatenate([turn[None], fit(whole, wholes)])
+
+        def body(carry):
+            real, whole, _ = carry
+            done = pack(function(*Packed(real, whole[1:], given.alone, given.layout).unpack()))
+            return fit(done.real, reals), counted(whole[0] + 1, done.whole), done.alone
+
+        first = lax.optimization_barrier(jnp.zeros((), given.whole.dtype))  # or XLA counts, and removes the loop
+        blank = [jnp.zeros(leaf.shape, leaf.dtype) for leaf in result.alone]
+        start = fit(given.real, reals), counted(first, given.whole), blank
+        real, whole, alone = lax.while_loop(lambda carry: carry[1][0] < 1, body, start)
+        return Packed(real, whole[1:], alone, result.layout)
+
+    return looped

@@ -1,0 +1,64 @@
+"""A PyTree of arrays as very few arrays, for where every array costs."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+_LARGE = 32_768
+"""Bytes from which on an array stands alone: to copy it would cost more than a kernel."""
+
+
+class _Layout(NamedTuple):
+    """Where the leaves of a PyTree are in its packed form."""
+
+    tree: Any
+    shapes: tuple[tuple[tuple[int, ...], Any], ...]
+
+
+class Packed(eqx.Module):
+    """A PyTree of arrays as few arrays: its small real leaves in one vector, its small whole ones in another."""
+
+    real: Array
+    whole: Array
+    alone: list[Array]
+    """Leaves that are large, or neither real nor whole numbers."""
+    layout: _Layout = eqx.field(static=True)
+
+    def unpack(self) -> Any:
+        """The PyTree."""
+        at, alone, leaves = {"real": 0, "whole": 0}, iter(self.alone), []
+        for shape, dtype in self.layout.shapes:
+            if (kind := _kind(shape, dtype)) == "alone":
+                leaves.append(next(alone))
+                continue
+            end = at[kind] + int(np.prod(shape))
+            leaves.append(getattr(self, kind)[at[kind] : end].reshape(shape).astype(dtype))
+            at[kind] = end
+        return self.layout.tree.unflatten(leaves)
+
+
+def pack(tree: Any) -> Packed:
+    """A PyTree of arrays as few arrays."""
+    leaves, structure = jax.tree.flatten(tree)
+    leaves = [jnp.asarray(leaf) for leaf in leaves]
+    parts: dict[str, list] = {"real": [], "whole": [], "alone": []}
+    for leaf in leaves:
+        parts[_kind(leaf.shape, leaf.dtype)].append(leaf)
+    layout = _Layout(structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+    return Packed(_joined(parts["real"], float), _joined(parts["whole"], int), parts["alone"], layout)
+
+
+def _joined(leaves, kind):
+    dtype = jnp.result_type(jnp.result_type(kind), *leaves)  # at least the default type of its kind
+    return jnp.concatenate([jnp.zeros(0, dtype), *(leaf.ravel().astype(dtype) for leaf in leaves)])
+
+
+def _kind(shape, dtype) -> str:
+    real, whole = jnp.issubdtype(dtype, jnp.floating), jnp.issubdtype(dtype, jnp.signedinteger) or dtype == bool
+    if not (real or whole) or int(np.prod(shape)) * dtype.itemsize > _LARGE:
+        return "alone"
+    return "real" if real else "whole"
