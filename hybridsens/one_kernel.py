@@ -30,13 +30,23 @@ def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
 
         def body(carry):
             real, whole, _ = carry
-            done = pack(function(*Packed(real, whole[1:], given.alone, given.layout).unpack()))
+            # Tied to what changes, they are no constants of the loop, out of which XLA would move their arithmetic.
+            whole, alone = lax.optimization_barrier((whole, given.alone))
+            done = pack(function(*Packed(real, whole[1:], alone, given.layout).unpack()))
             return fit(done.real, reals), counted(whole[0] + 1, done.whole), done.alone
 
-        first = lax.optimization_barrier(jnp.zeros((), given.whole.dtype))  # or XLA counts, and removes the loop
-        blank = [jnp.zeros(leaf.shape, leaf.dtype) for leaf in result.alone]
-        start = fit(given.real, reals), counted(first, given.whole), blank
+        zero = _zero(given.real)
+        blank = [jnp.broadcast_to(zero.astype(leaf.dtype), leaf.shape) for leaf in result.alone]
+        start = fit(given.real, reals), counted(zero.astype(given.whole.dtype), given.whole), blank
         real, whole, alone = lax.while_loop(lambda carry: carry[1][0] < 1, body, start)
         return Packed(real, whole[1:], alone, result.layout)
 
     return looped
+
+
+def _zero(real):
+    """A zero that XLA cannot foresee, and that waits for the arguments.
+
+    Were it a constant, XLA would count the loop's turn and remove the loop; and the fewer kernels are ready at once, the
+    less reason there is to wake a thread."""
+    return jnp.signbit(jnp.abs(jnp.sum(lax.optimization_barrier(real)[:1])))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-_LARGE = 32_768
+_LARGE = 40_000
 """Bytes from which on an array stands alone: to copy it would cost more than a kernel."""
 
 
@@ -53,12 +53,15 @@ def pack(tree: Any) -> Packed:
 
 
 def _joined(leaves, kind):
-    dtype = jnp.result_type(jnp.result_type(kind), *leaves)  # at least the default type of its kind
+    """Leaves one after the other, in the widest of their types, or in the default one of their kind."""
+    dtype = max([jnp.zeros(0, kind).dtype, *(leaf.dtype for leaf in leaves)], key=lambda dtype: dtype.itemsize)
     return jnp.concatenate([jnp.zeros(0, dtype), *(leaf.ravel().astype(dtype) for leaf in leaves)])
 
 
 def _kind(shape, dtype) -> str:
-    real, whole = jnp.issubdtype(dtype, jnp.floating), jnp.issubdtype(dtype, jnp.signedinteger) or dtype == bool
-    if not (real or whole) or int(np.prod(shape)) * dtype.itemsize > _LARGE:
-        return "alone"
-    return "real" if real else "whole"
+    if int(np.prod(shape)) * dtype.itemsize <= _LARGE:
+        if dtype in (jnp.float32, jnp.float64):
+            return "real"
+        if dtype in (jnp.int32, jnp.int64, jnp.bool_):
+            return "whole"
+    return "alone"
