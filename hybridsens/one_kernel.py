@@ -47,6 +47,6 @@ def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
 def _zero(real):
     """A zero that XLA cannot foresee, and that waits for the arguments.
 
-    Were it a constant, XLA would count the loop's turn and remove the loop; and the fewer kernels are ready at once, the
-    less reason there is to wake a thread."""
+    Were it a constant, XLA would count the loop's turn and remove the loop; and the fewer kernels are ready at once,
+    the less reason there is to wake a thread."""
     return jnp.signbit(jnp.abs(jnp.sum(lax.optimization_barrier(real)[:1])))

@@ -158,7 +158,8 @@ def _forward(inputs: Inputs, setting: Setting) -> tuple[Reported, Packed]:
 
     def alone(dynamic):
         packed = in_one_kernel(go)(dynamic)
-        return _report(*packed.unpack(), room), packed
+        motion, samples = packed.unpack()
+        return _report(motion, samples, room), packed
 
     return map_lanes_on_cpu(lane, alone)(dynamic)
 

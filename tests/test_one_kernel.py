@@ -13,7 +13,7 @@ import hybridsens as hs
 from hybridsens.one_kernel import in_one_kernel
 from hybridsens.packed import pack
 
-LARGE = 5000
+LARGE = 10_000
 
 
 def tree():
