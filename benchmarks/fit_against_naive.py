@@ -9,10 +9,9 @@ Run: python -m benchmarks.fit_against_naive --records 20
 """
 
 import argparse
-import csv
+import itertools
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import hybridsens as hs
@@ -28,7 +27,7 @@ from scipy.optimize import least_squares  # noqa: E402
 from benchmarks.fit_problems import DifferencesProblem, NaiveProblem, like  # noqa: E402
 from benchmarks.fit_record import BOUNDS, TRUTH, guess  # noqa: E402
 from benchmarks.fit_recovery import record  # noqa: E402
-from benchmarks.machine import describe  # noqa: E402
+from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
 from hybridsens.study.fit import GrowingHorizon, prepare  # noqa: E402
@@ -39,8 +38,10 @@ from hybridsens.study.fit.optimizers import FAR, NEAR, method  # noqa: E402
 from hybridsens.study.fit.problem import Numerics, Problem  # noqa: E402
 from hybridsens.study.fit.watch import Audience  # noqa: E402
 
-RESULTS = Path(__file__).parents[1] / "results" / "fit_against_naive.csv"
-NUMERICS = Numerics(1e-8, 1e-8, 256, 4096)
+
+def numerics(tolerance: float = 1e-8) -> Numerics:
+    """How motions are computed."""
+    return Numerics(tolerance, tolerance, 256, 4096)
 
 
 class Found(NamedTuple):
@@ -109,15 +110,16 @@ METHODS: dict[str, Callable[[Problem], Found]] = {
 
 def standard_errors() -> np.ndarray:
     """Of the parameters at the truth: the yardstick for all methods."""
-    problem = _problem(TRUTH, 0)
+    problem = _problem(TRUTH, 0, 1e-8)
     z = problem.selection.from_values(problem.selection.values(problem.scene))
     _, jacobian, _ = linearise(problem, z)
     by_p = np.asarray(jacobian) / np.asarray(jax.jvp(problem.selection.to_values, (z,), (jnp.ones(6),))[1])
     return np.sqrt(np.diag(np.linalg.inv(by_p.T @ by_p)))
 
 
-def _problem(scene: dict[str, float], seed: int) -> Problem:
-    return prepare.problem(ElasticStop(**scene), record(seed), NUMERICS, parameters=list(TRUTH), bounds=BOUNDS)
+def _problem(scene: dict[str, float], seed: int, tolerance: float) -> Problem:
+    how = numerics(tolerance)
+    return prepare.problem(ElasticStop(**scene), record(seed), how, parameters=list(TRUTH), bounds=BOUNDS)
 
 
 def timed(run: Callable[[Problem], Found], problem: Problem, repeats: int = 3) -> tuple[Found, float]:
@@ -133,18 +135,18 @@ def timed(run: Callable[[Problem], Found], problem: Problem, repeats: int = 3) -
     return found, quickest
 
 
-def row(name: str, error: float, records: int) -> dict:
+def row(name: str, error: float, records: int, tolerance: float) -> dict:
     """One method on all records."""
     run, errors, truth = METHODS[name], standard_errors(), np.array(list(TRUTH.values()))
     good, iterations, seconds = [], [], []
     for seed in range(-1, records):  # the first one compiles
-        found, quickest = timed(run, _problem(guess(max(seed, 0), error=error), max(seed, 0)))
+        found, quickest = timed(run, _problem(guess(max(seed, 0), error=error), max(seed, 0), tolerance))
         seconds.append(quickest)
         good.append(bool(np.all(np.abs(found.values - truth) <= 3 * errors)))
         iterations.append(found.iterations)
     counts = [count for count, success in zip(iterations[1:], good[1:], strict=True) if success]
     return {
-        "method": name, "guess off by": error, "records": records, "recovered": sum(good[1:]),
+        "method": name, "guess off by": error, "tolerance": tolerance, "records": records, "recovered": sum(good[1:]),
         "iterations, median": np.median(counts) if counts else np.nan,
         "iterations, all fits": np.median(iterations[1:]), "seconds, median": np.median(seconds[1:]),
         "seconds per recovery": sum(seconds[1:]) / max(sum(good[1:]), 1) if counts else np.inf,
@@ -155,19 +157,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", type=int, default=20)
     parser.add_argument("--error", type=float, nargs="+", default=[0.3])
+    parser.add_argument("--tolerance", type=float, nargs="+", default=[1e-8], help="of the motions")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=list(METHODS))
     asked = parser.parse_args()
-    rows = []
-    for error in asked.error:
-        for name in asked.methods:
-            rows.append(row(name, error, asked.records))
-            print({key: value if isinstance(value, str) else float(f"{value:.3g}") for key, value in rows[-1].items()},
-                  flush=True)  # fmt: skip
-    RESULTS.parent.mkdir(exist_ok=True)
-    with RESULTS.open("w", newline="") as file:
-        writer = csv.DictWriter(file, [*rows[0], *describe()])
-        writer.writeheader()
-        writer.writerows({**line, **describe()} for line in rows)
+    cases = itertools.product(asked.tolerance, asked.error, asked.methods)
+    rows = [show(row(name, error, asked.records, tolerance)) for tolerance, error, name in cases]
+    write("fit_against_naive", rows)
 
 
 if __name__ == "__main__":

@@ -11,9 +11,8 @@ Run: python -m benchmarks.fit_many_parameters --harmonics 1 4 10
 """
 
 import argparse
-import csv
+import itertools
 from collections.abc import Callable
-from pathlib import Path
 
 import hybridsens as hs
 
@@ -23,9 +22,9 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from jaxtyping import Array, Float  # noqa: E402
 
-from benchmarks.fit_against_naive import NUMERICS, Found, differences, ours, scipys, timed  # noqa: E402
+from benchmarks.fit_against_naive import Found, differences, numerics, ours, scipys, timed  # noqa: E402
 from benchmarks.fit_record import TRUTH, positions  # noqa: E402
-from benchmarks.machine import describe  # noqa: E402
+from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
 from hybridsens.study.fit import measurements, prepare  # noqa: E402
@@ -35,7 +34,6 @@ from hybridsens.study.fit.optimizers import method  # noqa: E402
 from hybridsens.study.fit.problem import Problem  # noqa: E402
 from hybridsens.study.fit.watch import Audience  # noqa: E402
 
-RESULTS = Path(__file__).parents[1] / "results" / "fit_many_parameters.csv"
 TIMES = np.linspace(0.05, 20.0, 400)
 BASE = 0.45
 """w [rad/s]."""
@@ -71,7 +69,7 @@ def problem(harmonics: int, seed: int) -> Problem:
     off = lambda value: value * (1 + 0.05 * random.uniform(-1, 1, np.shape(value)))
     scene = SeriesStop(**{name: jnp.asarray(off(TRUTH[name])) for name in FITTED[:-1]}, series=jnp.asarray(off(series)))
     data = measurements(TIMES, q + sigma * random.normal(size=q.size), sigma=sigma)
-    return prepare.problem(scene, data, NUMERICS, parameters=FITTED, bounds=BOUNDS)
+    return prepare.problem(scene, data, numerics(), parameters=FITTED, bounds=BOUNDS)
 
 
 def by_gradients(problem: Problem) -> Found:
@@ -119,17 +117,9 @@ def main() -> None:
     parser.add_argument("--harmonics", type=int, nargs="+", default=[1, 4, 10])
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=list(METHODS))
     asked = parser.parse_args()
-    rows = []
-    for harmonics in asked.harmonics:
-        for name in asked.methods:
-            rows.append(row(harmonics, name, asked.records))
-            print({key: value if isinstance(value, str) else float(f"{value:.3g}") for key, value in rows[-1].items()},
-                  flush=True)  # fmt: skip
-    RESULTS.parent.mkdir(exist_ok=True)
-    with RESULTS.open("w", newline="") as file:
-        writer = csv.DictWriter(file, [*rows[0], *describe()])
-        writer.writeheader()
-        writer.writerows({**line, **describe()} for line in rows)
+    cases = itertools.product(asked.harmonics, asked.methods)
+    rows = [show(row(harmonics, name, asked.records)) for harmonics, name in cases]
+    write("fit_many_parameters", rows)
 
 
 if __name__ == "__main__":

@@ -10,19 +10,18 @@ results/gradient_cost.csv.
 """
 
 import argparse
-import csv
 import json
 import os
 import statistics
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import hybridsens as hs
 
 from .machine import describe, one_core
 from .peers import casadi_c, diffrax_chain, reference
+from .rows import show, write
 
 TOLERANCE = 1e-8
 
@@ -149,13 +148,6 @@ def scene_row(name: str) -> dict:
     }  # fmt: skip
 
 
-def show(row: dict) -> dict:
-    """Print a row as it is made."""
-    texts = (f"{name} {value:.3g}" if isinstance(value, float) else f"{value}" for name, value in row.items())
-    print("  ".join(texts), flush=True)
-    return row
-
-
 def main() -> None:
     """Run and print; write the rows with the machine and the versions beside them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -172,13 +164,7 @@ def main() -> None:
     if not quick:
         rows += [show(batch_row(problem, lanes)) for problem in ("P2", "P1")]
         rows += [show(scene_row(name)) for name in hs.scenes.SCENES]
-    folder = Path("results")
-    folder.mkdir(exist_ok=True)
-    with (folder / "gradient_cost.csv").open("w", newline="") as file:
-        file.write(f"# {json.dumps(describe())}\n")
-        table = csv.DictWriter(file, sorted({name for row in rows for name in row}))
-        table.writeheader()
-        table.writerows(rows)
+    write("gradient_cost", rows)
 
 
 if __name__ == "__main__":

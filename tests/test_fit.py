@@ -82,6 +82,28 @@ def test_event_times_alone_give_height_and_restitution():
     np.testing.assert_allclose(result.jacobian[:, 0] * 1e-3, times / (2 * height), rtol=1e-5)
 
 
+@pytest.mark.parametrize("lost", [None, 1, 3])
+def test_an_impact_that_was_not_seen_keeps_its_number(lost):
+    """Assert that of four impacts one may be missing, the last one too."""
+    height, e, g = 1.3, 0.7, 9.81
+    times = _impact_times(height, e, g, 4)
+    times[slice(0) if lost is None else lost] = np.nan
+    data = measurements(event_times=times, event_sigma=1e-3, missing="skip")
+    guess = BouncingBall(height=1.5, restitution_coefficient=0.72, weight=g)
+    result = fit(guess, data, parameters=["height", "restitution_coefficient"])
+    np.testing.assert_allclose(result.values, [height, e], rtol=1e-6)
+    np.testing.assert_array_equal(np.isnan(result.event_residuals), np.isnan(times))
+
+
+def test_an_impact_later_than_the_last_measured_one_is_compared_with_it():
+    """Assert that motions go on for long enough by themselves: were the guess's only impact cut off, nothing would be
+    left that depends on the height."""
+    times = _impact_times(1.3, 0.7, 9.81, 1)
+    data = measurements(event_times=times, event_sigma=1e-3)
+    result = fit(BouncingBall(height=1.5, weight=9.81), data, parameters=["height"])
+    np.testing.assert_allclose(result.values, [1.3], rtol=1e-6)
+
+
 def test_masses_that_no_motion_shows_are_named():
     """Assert that any function of the state can be observed, and that of a ball's mass and weight only the ratio is
     seen:

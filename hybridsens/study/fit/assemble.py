@@ -30,7 +30,7 @@ def assemble(
     values, by_z = jax.jvp(selection.to_values, (last.z,), (jnp.ones_like(last.z),))
     # A parameter driven onto its bound does not answer to z any more: nothing is known about it.
     by_p = np.where(by_z == 0, 0, np.asarray(jacobian) / np.where(by_z == 0, 1, by_z))[:measured]
-    known = np.concatenate([np.ravel(np.isfinite(data.values)), np.ones(data.event_times.size, bool)])
+    known = np.isfinite(np.concatenate([np.ravel(data.values), data.event_times]))
     knowledge = uncertainty(
         selection.labels, values, np.asarray(r)[:measured][known], by_p[known], np.asarray(problem.prior.weight),
         sigmas_given=data.sigmas is not None or not data.names, robust=float(problem.robust),
@@ -50,7 +50,8 @@ def assemble(
 def _in_units(r: np.ndarray, data: Measurements) -> tuple[np.ndarray, np.ndarray]:
     sigmas = np.ones_like(data.values) if data.sigmas is None else data.sigmas
     seen = np.where(np.isfinite(data.values), r[: data.values.size].reshape(data.values.shape) * sigmas, np.nan)
-    return seen, r[data.values.size :] * data.event_sigmas
+    events = np.where(np.isfinite(data.event_times), r[data.values.size :] * data.event_sigmas, np.nan)
+    return seen, events
 
 
 def _linearised(how: Method, problem: Problem, z):

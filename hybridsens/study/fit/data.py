@@ -19,7 +19,7 @@ class Measurements(eqx.Module):
     names: tuple[str, ...]
     """One for each observation."""
     event_times: np.ndarray
-    """(event,) times of impacts, increasing [s]; may be empty."""
+    """(event,) times of impacts, increasing [s]; NaN for one that was not seen; may be empty."""
     event_sigmas: np.ndarray
     """(event,) standard deviations of those times [s]."""
     event_contacts: np.ndarray
@@ -45,9 +45,10 @@ def measurements(
     - `values`: (sample,) or (sample, observation).
     - `sigma`: standard deviations, anything that broadcasts to the values; None if they are equal and unknown.
     - `names`: names of the observations; default q0, q1, ...
-    - `missing`: "raise" on a NaN among the values, or "skip" to leave those entries out of the fit.
+    - `missing`: "raise" on a NaN among the values or event times, or "skip" to leave those entries out of the fit.
     - `event_times`, `event_sigma`, `event_contacts`: times of impacts [s], their standard deviation (required with
-      them), and which contact closed (-1: any). The k-th time is compared with the motion's k-th impact there.
+      them), and which contact closed (-1: any). The k-th time is compared with the motion's k-th impact there; NaN
+      stands for an impact that happened and was not seen.
 
     Raises: ValueError, saying what must hold and which rows break it.
     """
@@ -61,8 +62,9 @@ def measurements(
             f"`names` must have {y.shape[1]} different entries, one for each observation, but has {labels}."
         )
     _check_values(y, labels, missing)
-    events = _increasing("event_times", event_times)
-    if t.size + events.size == 0:
+    events = np.asarray(event_times, float)
+    _increasing("event_times", events[~np.isnan(events)] if missing == "skip" else events)
+    if t.size + np.sum(~np.isnan(events)) == 0:
         raise ValueError("The measurements must have at least one time, but have none.")
     return Measurements(
         t, y, _sigmas(sigma, y.shape), labels, events, *_event_columns(events, event_sigma, event_contacts)

@@ -75,7 +75,8 @@ def fit(
     - `priors`: name -> (mean, sigma).
     - `robust`: residuals beyond so many sigmas count linearly, for data with outliers and with sigmas; None: all count
       squared.
-    - `t0`, `t1`: horizon [s]; t1 is the last measured time by default.
+    - `t0`, `t1`: horizon [s]; t1 is the last measured time by default, and a tenth more where that is an event's, so
+      that an event which comes later is compared with it. One that a motion does not have counts as if at t1.
     - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an
       Optimistix Gauss-Newton solver, or any Optax optimizer.
     - `strategy`: `GrowingHorizon()` or `MultipleShooting()` for long or chaotic motions.

@@ -14,6 +14,9 @@ from .data import Measurements
 from .parameters import Bounds, Selection, select
 from .problem import Numerics, Observations, Prior, Problem
 
+BEYOND = 0.1
+"""How far beyond the last measured event a motion goes on, relative to the time until then."""
+
 _STATE_NAME = re.compile(r"([qv])[_\[]?(\d*)\]?")
 
 
@@ -110,8 +113,10 @@ def observations(data: Measurements) -> Observations:
     ranks = [int(np.sum(contacts[:k] == contacts[k])) for k in range(contacts.size)]
     if np.any(contacts < 0) and np.any(contacts >= 0):
         raise ValueError(f"`event_contacts` must be known for all event times or for none, but has {contacts}.")
-    arrays = (data.times, np.where(known, data.values, 0), np.where(known, 1 / sigmas, 0), data.event_times,
-              1 / data.event_sigmas, contacts, np.array(ranks, int))  # fmt: skip
+    seen = np.isfinite(data.event_times)
+    event_times, event_weights = np.where(seen, data.event_times, 0), np.where(seen, 1 / data.event_sigmas, 0)
+    arrays = (data.times, np.where(known, data.values, 0), np.where(known, 1 / sigmas, 0), event_times, event_weights,
+              contacts, np.array(ranks, int))  # fmt: skip
     return Observations(*(jnp.asarray(a) for a in arrays))
 
 
@@ -132,12 +137,14 @@ def prior(selection: Selection, priors: Mapping[str, Any] | None) -> Prior:
 
 
 def horizon(data: Measurements, t0: float, t1: float | None) -> float:
-    """End of the horizon: t1, or the last time measured.
+    """End of the horizon: t1; or the last time measured, and a tenth of the time beyond the last event, so that a
+    motion whose event comes later is seen to have it.
 
     Raises: ValueError if a time lies outside [t0, t1].
     """
-    times = np.concatenate([data.times, data.event_times])
-    last = float(times.max())
+    events = data.event_times[np.isfinite(data.event_times)]
+    times = np.concatenate([data.times, events])
+    last = float(np.max(np.concatenate([data.times, t0 + (1 + BEYOND) * (events - t0)])))
     t1 = last if t1 is None else float(t1)
     outside = times[(times < t0) | (times > t1)]
     if outside.size:
