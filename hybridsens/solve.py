@@ -171,7 +171,7 @@ def _forward_lane(inputs: Inputs, setting: Setting) -> tuple[Motion, Float[Array
     if inputs.ts is None:
         return motion, None
     solver = setting.method.replay_solver(_flow_size(inputs, setting))
-    samples = sample_states(inputs.system, solver, motion, inputs.ts)
+    samples = sample_states(inputs.system, solver, motion, inputs.ts, forward_mode=True)  # `_sample_vjp` goes back
     reached = inputs.ts <= motion.t
     return motion, jnp.where(reached[:, None], samples, jnp.nan)  # one that broke off has no states further on
 

@@ -5,6 +5,7 @@ step is as exact as the recorded one, for any solver, and its derivative is that
 """
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -12,12 +13,17 @@ from jaxtyping import Array, Float
 from ..hybrid import AbstractHybridSystem
 from .record import Motion, segment
 from .solver import one_step
+from .tangent import push
 
 
 def sample_states(
-    system: AbstractHybridSystem, solver: diffrax.AbstractSolver, motion: Motion, ts: Float[Array, "sample"]
-) -> Float[Array, "sample state"]:
-    """States at `ts`; at an event, the state just after it. Differentiable in the recorded grid and in ts."""
+    system: AbstractHybridSystem, solver: diffrax.AbstractSolver, motion: Motion, ts: Float[Array, "sample"],
+    forward_mode: bool = False,
+) -> Float[Array, "sample state"]:  # fmt: skip
+    """States at `ts`; at an event, the state just after it. Differentiable in the recorded grid and in ts.
+
+    With `forward_mode` in forward mode alone, and quicker: directions share what they have in common."""
+    take = _shorter_step if forward_mode else _plain_step
     ends = motion.events.steps
     passed = jnp.arange(ends.shape[0]) < motion.events.count
 
@@ -25,6 +31,20 @@ def sample_states(
         k = jnp.searchsorted(motion.steps.t, t, side="right") - 1
         k = jnp.clip(k, 0, motion.steps.count)
         mode, _, _ = segment(motion, jnp.sum(passed & (ends <= k)))
-        return one_step(solver, system, mode, motion.steps.t[k], t, motion.steps.x[k])
+        return take(motion.begun, solver, system, mode, motion.steps.t[k], t, motion.steps.x[k])
 
     return jax.vmap(state_at)(ts)
+
+
+def _plain_step(begun, solver, system, mode, t0, t, x0):
+    del begun
+    return one_step(solver, system, mode, t0, t, x0)
+
+
+_shorter_step = eqx.filter_custom_jvp(_plain_step)
+
+
+@_shorter_step.def_jvp
+def _shorter_step_jvp(primals, tangents):
+    (begun, solver, *point), (_, _, *directions) = primals, tangents
+    return push(lambda *point: one_step(solver, *point), begun, point, directions)
