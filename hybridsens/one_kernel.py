@@ -15,6 +15,10 @@ from jax import lax
 
 from .packed import Packed, pack
 
+_LONG = 1_000_000
+"""Bytes of large arrays from which on a function stays as it is: the loop would hold them twice, and what goes on for
+so long does not mind a few kernels more."""
+
 
 def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
     """`function` of PyTrees of arrays, with its result packed.
@@ -24,6 +28,8 @@ def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
 
     def looped(*arguments):
         given, result = pack(arguments), jax.eval_shape(lambda *given: pack(function(*given)), *arguments)
+        if sum(leaf.size * leaf.dtype.itemsize for leaf in given.alone + result.alone) > _LONG:
+            return pack(function(*arguments))
         reals, wholes = max(given.real.size, result.real.size), max(given.whole.size, result.whole.size)
         fit = lambda part, size: jnp.pad(part, (0, size - part.size))
         counted = lambda turn, whole: jnp.concatenate([turn[None], fit(whole, wholes)])
@@ -39,7 +45,7 @@ def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
         blank = [jnp.broadcast_to(zero.astype(leaf.dtype), leaf.shape) for leaf in result.alone]
         start = fit(given.real, reals), counted(zero.astype(given.whole.dtype), given.whole), blank
         real, whole, alone = lax.while_loop(lambda carry: carry[1][0] < 1, body, start)
-        return Packed(real, whole[1:], alone, result.layout)
+        return Packed(real[: result.real.size], whole[1 : 1 + result.whole.size], alone, result.layout)
 
     return looped
 

@@ -76,5 +76,5 @@ def test_unknown_columns_and_words_are_refused(tmp_path):
         measurements(event_times=[1.0, 2.0])
     with pytest.raises(ValueError, match="`event_times` must be finite, but is not at row 1"):
         measurements(event_times=[1.0, np.nan, 2.0], event_sigma=1e-3)
-    with pytest.raises(ValueError, match="sorted in increasing order"):
+    with pytest.raises(ValueError, match="sorted in increasing order, but falls back at row 2"):
         measurements(event_times=[2.0, np.nan, 1.0], event_sigma=1e-3, missing="skip")

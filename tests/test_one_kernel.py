@@ -55,7 +55,22 @@ def test_a_function_in_one_kernel_returns_the_same(size):
     """Whether its results take more room than its arguments or less."""
     function = lambda tree, x: ({"more": jnp.sin(tree["real"][0]) * x, "turns": tree["whole"] + 1}, tree["large"] * 2)
     x = jnp.linspace(0, 1, size)[:, None]
-    assert_same(jax.jit(in_one_kernel(function))(tree(), x).unpack(), jax.jit(function)(tree(), x))
+    packed = jax.jit(in_one_kernel(function))(tree(), x)
+    assert_same(packed.unpack(), jax.jit(function)(tree(), x))
+    assert_same(packed, pack(packed.unpack()))  # with nothing left of the arguments' room
+
+
+@pytest.mark.parametrize("room", [300, 6_000, 30_000])
+def test_forward_mode_agrees_with_the_kernel_whatever_the_room(room):
+    """Records that are packed, records that stand alone, records too long for a kernel."""
+
+    def height_at_the_end(height, adjoint):
+        ball, start = hs.scenes.BouncingBall(height=height), hs.State(height[None], jnp.zeros(1))
+        return hs.simulate(ball, start, t1=1.0, max_events=room, max_steps=room, adjoint=adjoint).final.q[0]
+
+    height = jnp.array(1.0)
+    forward = jax.jacfwd(height_at_the_end)(height, hs.ForwardSensitivities())
+    assert_close(forward, jax.grad(height_at_the_end)(height, hs.Replay()), 1e-12)
 
 
 def kernels(function, *arguments) -> int:

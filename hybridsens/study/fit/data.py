@@ -62,8 +62,7 @@ def measurements(
             f"`names` must have {y.shape[1]} different entries, one for each observation, but has {labels}."
         )
     _check_values(y, labels, missing)
-    events = np.asarray(event_times, float)
-    _increasing("event_times", events[~np.isnan(events)] if missing == "skip" else events)
+    events = _increasing("event_times", event_times, gaps=missing == "skip")
     if t.size + np.sum(~np.isnan(events)) == 0:
         raise ValueError("The measurements must have at least one time, but have none.")
     return Measurements(
@@ -71,14 +70,17 @@ def measurements(
     )
 
 
-def _increasing(name: str, times: Any) -> np.ndarray:
+def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
+    """Times as an array, increasing where they are known; NaN among them only with `gaps`."""
     t = np.asarray(times, float)
     if t.ndim != 1:
         raise ValueError(f"`{name}` must have shape (sample,), but has shape {t.shape}.")
+    known = np.flatnonzero(~np.isnan(t))
+    later, rise = known[1:], np.diff(t[known])
     for rows, problem in (
-        (np.flatnonzero(~np.isfinite(t)), "finite, but is not"),
-        (1 + np.flatnonzero(np.diff(t) < 0), "sorted in increasing order, but falls back"),
-        (1 + np.flatnonzero(np.diff(t) == 0), "free of duplicates, but repeats a time"),
+        (np.flatnonzero(np.isinf(t) if gaps else ~np.isfinite(t)), "finite, but is not"),
+        (later[rise < 0], "sorted in increasing order, but falls back"),
+        (later[rise == 0], "free of duplicates, but repeats a time"),
     ):
         if rows.size:
             raise ValueError(f"`{name}` must be {problem} at {_rows(rows)}.")
