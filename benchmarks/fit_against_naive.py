@@ -31,12 +31,13 @@ from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
 from hybridsens.study.fit import GrowingHorizon, prepare  # noqa: E402
-from hybridsens.study.fit.descend import GuessFailed, Room, descend  # noqa: E402
+from hybridsens.study.fit.descend import Room, descend  # noqa: E402
+from hybridsens.study.fit.growing import Growing  # noqa: E402
 from hybridsens.study.fit.iterate import Pace  # noqa: E402
 from hybridsens.study.fit.least_squares import linearise  # noqa: E402
-from hybridsens.study.fit.optimizers import FAR, NEAR, method  # noqa: E402
+from hybridsens.study.fit.optimizers import method  # noqa: E402
 from hybridsens.study.fit.problem import Numerics, Problem  # noqa: E402
-from hybridsens.study.fit.watch import Audience  # noqa: E402
+from hybridsens.study.fit.watch import Audience, GuessFailed  # noqa: E402
 
 
 def numerics(tolerance: float = 1e-8) -> Numerics:
@@ -54,11 +55,10 @@ class Found(NamedTuple):
 def ours(problem: Problem, strategy: GrowingHorizon | None) -> Found:
     """Levenberg-Marquardt as `fit` runs it, on any kind of problem."""
     how, z = method("levenberg-marquardt"), problem.selection.from_values(problem.selection.values(problem.scene))
-    audience = Audience(pace=Pace())
-    stages, z = ([], z) if strategy is None else strategy.run(how, problem, z, audience)
-    last = descend(how, problem, z, Room(100, 20), audience=audience, damping=NEAR if stages else FAR)
-    tried = sum(line.number > 0 for descent in [*stages, last] for line in descent.history)
-    return Found(np.asarray(problem.selection.to_values(last.z)), tried)
+    how = how if strategy is None else Growing(how, strategy)
+    found = descend(how, problem, z, Room(100, 20), audience=Audience(pace=Pace()))
+    tried = sum(line.number > 0 for line in found.history)
+    return Found(np.asarray(problem.selection.to_values(found.z)), tried)
 
 
 @eqx.filter_jit

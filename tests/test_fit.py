@@ -7,7 +7,7 @@ from stop_record import NEAR, STOP, TRUTH, stop_record
 
 from hybridsens.scenes import BouncingBall, ElasticStop
 from hybridsens.study.fit import fit, measurements
-from hybridsens.study.fit.descend import GuessFailed
+from hybridsens.study.fit.watch import GuessFailed
 
 
 def _impact_times(height, e, g, count):

@@ -9,6 +9,7 @@ import numpy as np
 
 from .data import Measurements
 from .descend import Descent
+from .growing import Growing
 from .iterate import iterate
 from .least_squares import linearise
 from .optimizers import Method
@@ -20,7 +21,8 @@ from .watch import event_sequence
 
 
 def assemble(
-    how: Method, problem: Problem, data: Measurements, guess, descents: Sequence[Descent], starts: Starts | None
+    how: Method | Growing, problem: Problem, data: Measurements, guess, descents: Sequence[Descent],
+    starts: Starts | None,
 ) -> FitResult:
     """The result of the last of these descents; the ones before it were stages."""
     last, selection = descents[-1], problem.selection
@@ -54,8 +56,8 @@ def _in_units(r: np.ndarray, data: Measurements) -> tuple[np.ndarray, np.ndarray
     return seen, events
 
 
-def _linearised(how: Method, problem: Problem, z):
+def _linearised(how: Method | Growing, problem: Problem, z):
     """Residuals and Jacobian, by the program that the iterations have compiled."""
     if not how.least_squares:
         return linearise(problem, z)[:2]
-    return iterate(how, problem, how.begin(z), 1).linearised
+    return iterate(how, problem, how.begin(z, stages=False), 1, 1).linearised

@@ -13,7 +13,8 @@ from . import prepare
 from .assemble import assemble
 from .checkpoint import Checkpoint
 from .data import Measurements
-from .descend import ENDED_BY_HAND, Descent, GuessFailed, Room, descend
+from .descend import Descent, Room, descend
+from .growing import Growing
 from .horizon import GrowingHorizon
 from .iterate import Pace
 from .optimizers import FAR, NEAR, Method, method
@@ -23,7 +24,7 @@ from .result import FitResult
 from .shooting import MultipleShooting
 from .starts import Starts, descend_from_all, spread_starts
 from .tables import read_measurements
-from .watch import Audience, Iteration
+from .watch import Audience, GuessFailed, Iteration
 
 
 def fit(
@@ -104,14 +105,14 @@ def fit(
     z, further = _beginning(problem, guess, resume, keeper)
     listener = _callback(progress, callback)
     audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
-    how, several = method(optimizer), None
+    plain, several = method(optimizer), None
+    how = Growing(plain, strategy) if isinstance(strategy, GrowingHorizon) else plain
     if starts > 1 and not further:
-        several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), strategy, max_iterations)
-        strategy = None if isinstance(strategy, GrowingHorizon) else strategy
-    stages, z = ([], z) if strategy is None else strategy.run(how, problem, z, audience)
-    room = Room(max_iterations, patience)
-    last = _full(how, problem, z, room, stages, audience, None if resume is None else resume.carry)
-    return assemble(how, problem, measured, guess, [*stages, last], several)
+        several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), max_iterations)
+        how = plain
+    stages, z = strategy.run(plain, problem, z, audience) if isinstance(strategy, MultipleShooting) else ([], z)
+    descents = _to_the_end(how, problem, z, Room(max_iterations, patience), stages, audience, resume)
+    return assemble(how, problem, measured, guess, descents, several)
 
 
 def _check(max_iterations: int, patience: int, robust: float | None, measured: Measurements) -> None:
@@ -140,9 +141,8 @@ def _beginning(problem: Problem, guess, resume: FitResult | None, keeper: Checkp
     return problem.selection.from_values(resume.values), True
 
 
-def _from_many(how: Method, problem: Problem, zs, strategy, max_iterations: int) -> tuple[Starts, Array]:
-    growth = strategy if isinstance(strategy, GrowingHorizon) else None
-    several = descend_from_all(how, problem, zs, growth, max_iterations)
+def _from_many(how: Method | Growing, problem: Problem, zs, max_iterations: int) -> tuple[Starts, Array]:
+    several = descend_from_all(how, problem, zs, max_iterations)
     if not bool(jnp.any(jnp.isfinite(several.loss))):
         raise GuessFailed(
             f"At least one of the {zs.shape[0]} starts must have a motion that reaches its end, but none has."
@@ -150,12 +150,21 @@ def _from_many(how: Method, problem: Problem, zs, strategy, max_iterations: int)
     return several, several.z[jnp.argmin(several.loss)]
 
 
-def _full(how: Method, problem: Problem, z, room: Room, stages: list[Descent], audience: Audience, carry) -> Descent:
-    """The run on the whole record; if a stage before it was ended by hand, only what it needs to report."""
-    by_hand = stages[-1].stopped if stages and stages[-1].stopped in ENDED_BY_HAND else ""
-    room = room._replace(iterations=0) if by_hand else room
-    last = descend(how, problem, z, room, audience=audience, damping=NEAR if stages else FAR, carry=carry)
-    return last._replace(stopped=by_hand or last.stopped)
+def _to_the_end(
+    how: Method | Growing, problem: Problem, z, room: Room, before: list[Descent], audience: Audience,
+    resume: FitResult | None,
+) -> list[Descent]:  # fmt: skip
+    """All descents, with that on the whole record; if one was ended by hand before that, only what it needs to
+    report."""
+    done = list(before)
+    if not (done and done[-1].by_hand):
+        carry = None if resume is None or isinstance(how, Growing) else resume.carry
+        last = descend(how, problem, z, room, audience=audience, damping=NEAR if before else FAR, carry=carry)
+        done.append(last)
+        if last.whole:
+            return done
+    last = descend(how, problem, done[-1].z[: z.size], Room(0, 1), audience=audience, stages=False)
+    return [*done, last._replace(stopped=done[-1].stopped)]
 
 
 def _callback(progress: bool, callback: Callable[[Iteration], Any] | None) -> Callable[[Iteration], Any] | None:

@@ -8,13 +8,9 @@ import dataclasses
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .descend import ENDED_BY_HAND, Descent, GuessFailed, Room, descend
-from .optimizers import Method
 from .problem import Problem, predict
-from .watch import Audience
 
 
 class GrowingHorizon(eqx.Module):
@@ -44,37 +40,19 @@ class GrowingHorizon(eqx.Module):
                 f"are {self.first}, {self.growth}, {self.trust} and {self.steps}."
             )
 
-    def run(self, how: Method, problem: Problem, z, audience: Audience) -> tuple[list[Descent], Array]:
-        """All stages, and the unknowns to go on with. A stage whose first motion fails is left out."""
-        done, at, end = [], z, self.begin(problem, z)
-        while end < problem.horizon:
-            name, stage = f"horizon {float(end):.3g}", self.stage(problem, z, end)
-            try:
-                done.append(descend(how, stage, at, Room(self.trials, self.trials, self.steps), stage=name,
-                                    audience=audience))  # fmt: skip
-            except GuessFailed:
-                pass
-            else:
-                at = done[-1].z
-                if done[-1].stopped in ENDED_BY_HAND:
-                    break
-            end = self.next(problem, at, end)
-        return done, at
-
     @property
     def trials(self) -> int:
         """Room for trial points at one horizon, most of them rejected if it is used up."""
         return self.steps + 8
 
-    def begin(self, problem: Problem, z) -> Float[Array, ""]:
-        """Where the first stage ends [s]."""
-        return self.reach(problem, predict(problem, z)[1], np.asarray(self.first), problem.horizon)
-
     def next(self, problem: Problem, z, end) -> Float[Array, ""]:
-        """Where the stage after one that ended at time `end` and at the unknowns z ends [s]."""
-        return self.reach(problem, predict(problem, z)[1], np.asarray(self.growth), end)
+        """Where the stage after one that ended at time `end` and at the unknowns z ends [s]; inf: it is the whole
+        problem. `end` is -inf before the first stage."""
+        none = jnp.isneginf(end)
+        part, base = jnp.where(none, self.first, self.growth), jnp.where(none, problem.horizon, end)
+        reached = self.reach(problem, predict(problem, z)[1], part, base)
+        return jnp.where(reached < problem.horizon, reached, jnp.inf)
 
-    @eqx.filter_jit
     def reach(self, problem: Problem, seen, part, end) -> Float[Array, ""]:
         """Time until which a motion follows the record: at the least this part of the time until `end`, at most the
         full horizon.
@@ -100,7 +78,8 @@ class GrowingHorizon(eqx.Module):
         return jnp.any(known & ~follows, axis=1)
 
     def stage(self, problem: Problem, anchor, end) -> Problem:
-        """The problem up to the time `end`, held near z = `anchor`; all stages have one structure and compile once."""
-        weight = jnp.asarray(self.anchor_weight, anchor.dtype) * problem.sigma_unit
-        prior = dataclasses.replace(problem.prior, anchor=anchor, anchor_weight=weight)
-        return dataclasses.replace(problem, horizon=jnp.asarray(end, anchor.dtype), prior=prior)
+        """The problem up to the time `end`, held near z = `anchor`; with `end` at inf the problem itself."""
+        weight = jnp.where(jnp.isinf(end), 0, self.anchor_weight * problem.sigma_unit)
+        prior = dataclasses.replace(problem.prior, anchor=anchor, anchor_weight=weight.astype(anchor.dtype))
+        horizon = jnp.minimum(end, problem.horizon).astype(problem.horizon.dtype)
+        return dataclasses.replace(problem, horizon=horizon, prior=prior)

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .growing import Growing
 from .optimizers import Method
 from .outcome import Outcome
 
-MOST = 16
+MOST = 32
 """At most so many iterations in one call."""
 _SECONDS = 0.1
 
@@ -34,43 +35,40 @@ class Pace:
     def __init__(self, most: int = MOST):
         self.limit, self.most = 1, most
 
-    def run(self, method: Method, problem, carry, limit: int, accepted: int | float) -> Iterations:
-        """At most `limit` iterations, and at most `accepted` accepted ones; fewer if the optimizer ends before."""
-        begin, most = time.perf_counter(), min(limit, self.limit)
-        done = iterate(method, problem, carry, most, accepted)
+    def run(self, method: Method | Growing, problem, carry, room: int) -> Iterations:
+        """Some iterations, at most `room` of them on the whole problem; fewer if the optimizer ends before."""
+        begin = time.perf_counter()
+        done = iterate(method, problem, carry, self.limit, room)
         each = (time.perf_counter() - begin) / len(done.outcomes)
         self.limit = int(np.clip(_SECONDS / each, 1, self.most))
         return done
 
 
-def iterate(method: Method, problem, carry, limit: int, accepted: int | float = np.inf) -> Iterations:
-    """At most `limit` iterations, and at most `accepted` accepted ones; fewer if the optimizer ends before."""
-    limits = np.asarray(min(limit, MOST)), np.asarray(accepted)
-    carry, rows, count, linearised = _iterate(method, problem, carry, *limits)
+def iterate(method: Method | Growing, problem, carry, limit: int, room: int) -> Iterations:
+    """At most `limit` iterations, at most `room` of them on the whole problem; fewer if the optimizer ends before."""
+    carry, rows, count, linearised = _iterate(method, problem, carry, np.asarray(min(limit, MOST)), np.asarray(room))
     leaves, tree = jax.tree.flatten(jax.tree.map(np.asarray, rows))
     outcomes = [tree.unflatten([leaf[i] for leaf in leaves]) for i in range(int(count))]
     return Iterations(carry, outcomes, linearised)
 
 
 @eqx.filter_jit
-def _iterate(method: Method, problem, carry, limit, accepted):
+def _iterate(method: Method | Growing, problem, carry, limit, room):
     arrays, static = eqx.partition(carry, eqx.is_array)
 
     def step(arrays):
         carry, outcome, linearised = method.step(problem, eqx.combine(arrays, static))
-        return eqx.filter(carry, eqx.is_array), outcome, linearised
+        return eqx.filter(carry, eqx.is_array), jax.tree.map(jnp.asarray, outcome), linearised
 
     def go_on(loop):
-        _, _, _, count, taken, ended = loop
-        return (count < limit) & (taken < accepted) & ~ended
+        _, _, _, count, whole, ended = loop
+        return (count < limit) & (whole < room) & ~ended
 
     def body(loop):
-        arrays, rows, _, count, taken, _ = loop
-        first = method.begins(eqx.combine(arrays, static))
+        arrays, rows, _, count, whole, _ = loop
         arrays, outcome, linearised = step(arrays)
         rows = jax.tree.map(lambda rows, row: rows.at[count].set(row), rows, outcome)
-        ended = outcome.converged | outcome.stalled | (first & outcome.trial.failed)
-        return arrays, rows, linearised, count + 1, taken + (outcome.accepted & ~first), ended
+        return arrays, rows, linearised, count + 1, whole + ~outcome.in_stage, outcome.ends & ~outcome.in_stage
 
     _, outcome, linearised = jax.eval_shape(step, arrays)
     rows = jax.tree.map(lambda s: jnp.zeros((MOST, *s.shape), s.dtype), outcome)

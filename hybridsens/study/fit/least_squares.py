@@ -133,7 +133,8 @@ def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry):
     residual, slope = new.f_info.residual, new.f_info.jac.as_matrix()
     outcome = Outcome(
         z, 0.5 * jnp.sum(residual**2), jnp.linalg.norm(slope.T @ residual), accepted,
-        converged=accepted & ~trial.failed & done, stalled=new.num_steps_since_acceptance >= _PATIENCE, trial=trial,
+        converged=accepted & ~trial.failed & done, stalled=new.num_steps_since_acceptance >= _PATIENCE,
+        first=state.first_step, trial=trial, end=jnp.asarray(jnp.inf, z.dtype),
     )  # fmt: skip
     return Carry(z, new, carry.damping), outcome, (r, jacobian)
 

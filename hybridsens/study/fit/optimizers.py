@@ -5,10 +5,9 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 import optax
 import optimistix
-from jaxtyping import Array, Bool
+from jaxtyping import Array
 
 from . import gradient_descent, least_squares
 from .outcome import Outcome
@@ -27,15 +26,13 @@ class Method(eqx.Module):
         """Whether it uses residuals and their Jacobian; otherwise the gradient of the loss."""
         return isinstance(self.optimizer, optimistix.AbstractGaussNewton)
 
-    def begin(self, z, damping: float = FAR) -> Any:
-        """The state of an optimizer that has evaluated nothing yet; `damping` serves Levenberg-Marquardt alone."""
+    def begin(self, z, damping: float | Array = FAR, stages: bool = True) -> Any:
+        """The state of an optimizer that has evaluated nothing yet; `damping` serves Levenberg-Marquardt alone,
+        `stages` those optimizers that have any."""
+        del stages
         if self.least_squares:
-            return least_squares.begin(self.optimizer, z, np.asarray(damping))
+            return least_squares.begin(self.optimizer, z, jnp.asarray(damping))
         return gradient_descent.begin(self.optimizer, z)
-
-    def begins(self, carry) -> Bool[Array, ""]:
-        """Whether the next step is the first evaluation."""
-        return carry.state.first_step if self.least_squares else jnp.isinf(carry.loss)
 
     def step(self, problem, carry) -> tuple[Any, Outcome, Any]:
         """Evaluate the next trial point, the first time the point of `begin`: the new state, what happened, and

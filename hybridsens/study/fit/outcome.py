@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .problem import Trial
@@ -21,5 +23,19 @@ class Outcome(NamedTuple):
     converged: Bool[Array, ""]
     stalled: Bool[Array, ""]
     """No trial point has been taken for several iterations."""
+    first: Bool[Array, ""]
+    """It is the first evaluation of a problem, so there was nothing to take a step from."""
     trial: Trial
     """What happened at the trial point."""
+    end: Float[Array, ""]
+    """Where the horizon ended that was fitted, if it was a stage of `GrowingHorizon`; inf: the problem's own."""
+
+    @property
+    def in_stage(self) -> Bool[Array, ""] | np.bool_:
+        """Whether a shorter horizon than the problem's was fitted."""
+        return self.end < jnp.inf
+
+    @property
+    def ends(self) -> Bool[Array, ""] | np.bool_:
+        """Whether the optimizer has nothing left to do: it is done or stuck, or has no motion to begin with."""
+        return self.converged | self.stalled | (self.first & self.trial.failed)

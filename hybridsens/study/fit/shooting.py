@@ -5,7 +5,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .descend import ENDED_BY_HAND, Descent, Room, descend
+from .descend import Descent, Room, descend
 from .optimizers import Method
 from .problem import Problem
 from .watch import Audience
@@ -49,6 +49,6 @@ class MultipleShooting(eqx.Module):
             done.append(descend(how, stage, y, Room(self.iterations, self.iterations), stage=f"continuity {weight:g}",
                                 audience=audience))  # fmt: skip
             y = done[-1].z
-            if done[-1].stopped in ENDED_BY_HAND:
+            if done[-1].by_hand:
                 break
         return done, y[: z.size]

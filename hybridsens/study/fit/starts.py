@@ -1,6 +1,6 @@
 """Many starts in one compiled run: each descends by itself, the best of them all is what the fit goes on from."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -9,7 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .horizon import GrowingHorizon
+from .growing import Growing
 from .optimizers import Method
 from .problem import Problem
 
@@ -43,47 +43,42 @@ def spread_starts(problem: Problem, z, count: int, spread: float, seed: int) -> 
 
 @eqx.filter_jit
 def descend_from_all(
-    method: Method, problem: Problem, zs: Float[Array, "start unknown"], growth: GrowingHorizon | None, iterations: int
+    method: Method | Growing, problem: Problem, zs: Float[Array, "start unknown"], iterations: int
 ) -> Starts:
     """All starts in one compiled call: on a CPU one after the other, elsewhere all at once.
 
     On a CPU a batch that waits for its slowest lane would do several times the work.
     """
-
-    def lane(z):
-        z = z if growth is None else _grow(method, problem, growth, z)
-        return _descend(method, problem, z, iterations)
-
+    lane = lambda z: _descend(method, problem, z, iterations)
     return lax.map(lane, zs) if jax.default_backend() == "cpu" else jax.vmap(lane)(zs)
 
 
-def _grow(method: Method, problem: Problem, growth: GrowingHorizon, z):
-    def one_stage(loop):
-        at, end = loop
-        at = _descend(method, growth.stage(problem, z, end), at, growth.trials, growth.steps).z
-        return at, growth.next(problem, at, end)
+class _Running(NamedTuple):
+    """One start on its way."""
 
-    return lax.while_loop(lambda loop: loop[1] < problem.horizon, one_stage, (z, growth.begin(problem, z)))[0]
+    carry: Any
+    z: Float[Array, "unknown"]
+    loss: Float[Array, ""]
+    """The best point of the whole problem."""
+    tried: Int[Array, ""]
+    """Trial points."""
+    whole: Int[Array, ""]
+    """Those of the whole problem, not of stages before it."""
+    ended: Bool[Array, ""]
 
 
-def _descend(method: Method, problem: Problem, z, iterations: int, accepted: float = jnp.inf) -> Starts:
-    carry = method.begin(z)
-    arrays, static = eqx.partition(carry, eqx.is_array)
+def _descend(method: Method | Growing, problem: Problem, z, iterations: int) -> Starts:
+    arrays, static = eqx.partition(method.begin(z), eqx.is_array)
 
-    def go_on(loop):
-        _, count, taken, done, _, _ = loop
-        return (count <= iterations) & (taken < accepted) & ~done
+    def body(now: _Running) -> _Running:
+        carry, outcome, _ = method.step(problem, eqx.combine(now.carry, static))
+        better = outcome.accepted & (outcome.loss < now.loss) & ~outcome.trial.failed & ~outcome.in_stage
+        z, loss = (jnp.where(better, new, old) for new, old in ((outcome.z, now.z), (outcome.loss, now.loss)))
+        whole = now.whole + (~outcome.first & ~outcome.in_stage)
+        ended = jnp.asarray(outcome.ends & ~outcome.in_stage)
+        return _Running(eqx.filter(carry, eqx.is_array), z, loss, now.tried + ~outcome.first, whole, ended)
 
-    def body(loop):
-        arrays, count, taken, _, best_z, best = loop
-        carry = eqx.combine(arrays, static)
-        first = method.begins(carry)
-        carry, outcome, _ = method.step(problem, carry)
-        better = outcome.accepted & (outcome.loss < best) & ~outcome.trial.failed
-        best_z, best = jnp.where(better, outcome.z, best_z), jnp.where(better, outcome.loss, best)
-        done = ((outcome.converged | outcome.stalled) & ~first) | (first & outcome.trial.failed)
-        return eqx.filter(carry, eqx.is_array), count + 1, taken + (outcome.accepted & ~first), done, best_z, best
-
-    begin = (arrays, jnp.array(0), jnp.array(0), jnp.array(False), z, jnp.asarray(jnp.inf, z.dtype))
-    _, count, _, done, z, loss = lax.while_loop(go_on, body, begin)
-    return Starts(z, loss, count - 1, done & jnp.isfinite(loss))
+    none = jnp.array(0)
+    begin = _Running(arrays, z, jnp.asarray(jnp.inf, z.dtype), none, none, jnp.array(False))
+    end = lax.while_loop(lambda now: (now.whole < iterations) & ~now.ended, body, begin)
+    return Starts(end.z, end.loss, end.tried, end.ended & jnp.isfinite(end.loss))

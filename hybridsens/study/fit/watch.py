@@ -21,6 +21,10 @@ Sequence = tuple[tuple[str, int], ...]
 STOPPED = "stopped by the callback"
 
 
+class GuessFailed(ValueError):
+    """The motion of the guess does not reach its end, so there is nothing to start from."""
+
+
 class Iteration(NamedTuple):
     """One line of the history."""
 
@@ -62,37 +66,59 @@ def failure(trial: Trial) -> str:
 
 
 class Watch:
-    """Remembers the history and the best point of one run."""
+    """Remembers the history of one run, and the best point of its present stage."""
 
-    def __init__(self, outcome: Outcome, stage: str, audience: Audience):
-        self.stage, self.audience = stage, audience
-        self.z, self.loss = jnp.asarray(outcome.z), float(outcome.loss)
-        self.first = self.best = self.last = event_sequence(outcome.trial)
-        self.idle = self.accepted = 0
-        line = Iteration(stage, 0, self.loss, float(outcome.gradient_norm), True, "", len(self.first), False)
-        self.history = [line]
-        self._tell(line)
+    def __init__(self, z, stage: str, audience: Audience):
+        self.name, self.audience = stage, audience
+        self.z, self.loss, self.history = z, float("inf"), []
+        self.stage, self.number, self.idle = "", 0, 0
+        self.first = self.best = self.last = ()
 
-    def see(self, number: int, outcome: Outcome) -> str:
+    @property
+    def whole(self) -> bool:
+        """Whether the whole problem has begun, and not stages of it alone."""
+        return self.stage == self.name
+
+    def see(self, outcome: Outcome) -> str:
         """Record an iteration; returns why to stop, or nothing."""
+        if bool(outcome.first):
+            return self._begin(outcome)
         accepted, loss = bool(outcome.accepted), float(outcome.loss)
         sequence = event_sequence(outcome.trial)
         changed = accepted and sequence != self.last
-        why = failure(outcome.trial) if bool(outcome.trial.failed) else ""
-        line = Iteration(self.stage, number, loss, float(outcome.gradient_norm), accepted, why, len(sequence), changed)
-        self.history.append(line)
+        self.number += 1
         self.idle = 0 if accepted and loss < self.loss * (1 - 1e-6) else self.idle + 1
         if accepted:
-            self.last, self.accepted = sequence, self.accepted + 1
+            self.last = sequence
         if accepted and loss <= self.loss:
             self.z, self.loss, self.best = jnp.asarray(outcome.z), loss, sequence
             self._keep()
-        return self._tell(line)
+        return self._tell(outcome, sequence, changed)
+
+    def _begin(self, outcome: Outcome) -> str:
+        """The first evaluation of a stage, which is left out if its motion fails, or of the whole problem."""
+        in_stage = bool(outcome.in_stage)
+        if bool(outcome.trial.failed):
+            if in_stage:
+                return ""
+            raise GuessFailed(
+                f"The guess must have a motion that reaches its end, but at it {failure(outcome.trial)}"
+            )
+        self.stage = f"horizon {float(outcome.end):.3g}" if in_stage else self.name
+        self.z, self.loss, self.number, self.idle = jnp.asarray(outcome.z), float(outcome.loss), 0, 0
+        self.first = self.best = self.last = event_sequence(outcome.trial)
+        return self._tell(outcome, self.first, changed=False)
 
     def _keep(self) -> None:
         if self.audience.checkpoint is not None:
             self.audience.checkpoint.write(self.z)
 
-    def _tell(self, line: Iteration) -> str:
+    def _tell(self, outcome: Outcome, sequence: Sequence, changed: bool) -> str:
+        why = failure(outcome.trial) if bool(outcome.trial.failed) else ""
+        line = Iteration(
+            self.stage, self.number, float(outcome.loss), float(outcome.gradient_norm),
+            bool(outcome.first | outcome.accepted), why, len(sequence), changed,
+        )  # fmt: skip
+        self.history.append(line)
         callback = self.audience.callback
         return STOPPED if callback is not None and callback(line) else ""
