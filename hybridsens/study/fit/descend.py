@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .growing import Growing
@@ -67,7 +68,8 @@ def descend(
                 carry = done.carry
     except KeyboardInterrupt:
         stopped = INTERRUPTED
-    return Descent(watch.z, watch.loss, carry, watch.history, watch.first, watch.best, stopped, watch.whole)
+    z = jnp.asarray(watch.z)  # once: to the host and back takes longer than some iterations
+    return Descent(z, watch.loss, carry, watch.history, watch.first, watch.best, stopped, watch.whole)
 
 
 def _ended(outcome: Outcome, watch: Watch, room: Room) -> str:

@@ -91,7 +91,7 @@ class Watch:
         if accepted:
             self.last = sequence
         if accepted and loss <= self.loss:
-            self.z, self.loss, self.best = jnp.asarray(outcome.z), loss, sequence
+            self.z, self.loss, self.best = outcome.z, loss, sequence
             self._keep()
         return self._tell(outcome, sequence, changed)
 
@@ -105,7 +105,7 @@ class Watch:
                 f"The guess must have a motion that reaches its end, but at it {failure(outcome.trial)}"
             )
         self.stage = f"horizon {float(outcome.end):.3g}" if in_stage else self.name
-        self.z, self.loss, self.number, self.idle = jnp.asarray(outcome.z), float(outcome.loss), 0, 0
+        self.z, self.loss, self.number, self.idle = outcome.z, float(outcome.loss), 0, 0
         self.first = self.best = self.last = event_sequence(outcome.trial)
         return self._tell(outcome, self.first, changed=False)
 
