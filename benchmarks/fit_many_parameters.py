@@ -22,7 +22,8 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from jaxtyping import Array, Float  # noqa: E402
 
-from benchmarks.fit_against_naive import Found, differences, numerics, ours, scipys, timed  # noqa: E402
+from benchmarks.fit_against_naive import Found, differences, ours, scipys, timed  # noqa: E402
+from benchmarks.fit_motions import SLOWLY  # noqa: E402
 from benchmarks.fit_record import TRUTH, positions  # noqa: E402
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
@@ -31,7 +32,7 @@ from hybridsens.study.fit import measurements, prepare  # noqa: E402
 from hybridsens.study.fit.descend import Room, descend  # noqa: E402
 from hybridsens.study.fit.iterate import Pace  # noqa: E402
 from hybridsens.study.fit.optimizers import method  # noqa: E402
-from hybridsens.study.fit.problem import Problem  # noqa: E402
+from hybridsens.study.fit.problem import Numerics, Problem  # noqa: E402
 from hybridsens.study.fit.watch import Audience  # noqa: E402
 
 TIMES = np.linspace(0.05, 20.0, 400)
@@ -69,7 +70,7 @@ def problem(harmonics: int, seed: int) -> Problem:
     off = lambda value: value * (1 + 0.05 * random.uniform(-1, 1, np.shape(value)))
     scene = SeriesStop(**{name: jnp.asarray(off(TRUTH[name])) for name in FITTED[:-1]}, series=jnp.asarray(off(series)))
     data = measurements(TIMES, q + sigma * random.normal(size=q.size), sigma=sigma)
-    return prepare.problem(scene, data, numerics(), parameters=FITTED, bounds=BOUNDS)
+    return prepare.problem(scene, data, Numerics(1e-8, 1e-8, 256, 4096), parameters=FITTED, bounds=BOUNDS)
 
 
 def by_gradients(problem: Problem) -> Found:
@@ -81,10 +82,14 @@ def by_gradients(problem: Problem) -> Found:
 
 METHODS: dict[str, Callable[[Problem], Found]] = {
     "Levenberg-Marquardt, sensitivities": lambda p: ours(p, None),
-    "Levenberg-Marquardt, differences over 1e-4": lambda p: differences(p, "over 1e-4", None),
-    "Levenberg-Marquardt, differences over sqrt(eps)": lambda p: differences(p, "over sqrt(eps)", None),
+    "Levenberg-Marquardt, sensitivities, growing horizon": lambda p: ours(p, SLOWLY),
+    "Levenberg-Marquardt, differences over 1e-4": lambda p: differences(p, None, "over 1e-4"),
+    "Levenberg-Marquardt, differences over 1e-4, growing horizon": lambda p: differences(
+        p, SLOWLY, "over 1e-4"
+    ),
+    "Levenberg-Marquardt, differences over sqrt(eps)": lambda p: differences(p, None, "over sqrt(eps)"),
     "Levenberg-Marquardt, central differences over cbrt(eps)": lambda p: differences(
-        p, "central, over cbrt(eps)", None
+        p, None, "central, over cbrt(eps)"
     ),
     "L-BFGS, adjoint": by_gradients,
     "scipy least_squares, its default differences": lambda p: scipys(p, None),

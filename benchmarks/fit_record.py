@@ -39,12 +39,3 @@ def positions(
             impacts.append(float(t))
             x[0] = p["distance"] - 1e-13  # just off the stop, or the next flight would start with an event
     return q, impacts
-
-
-def guess(seed: int, kind: str = "uniform", error: float = 0.3) -> dict[str, float]:
-    """Parameters off by up to `error` ("uniform"), or by exactly `error` with random signs ("corner")."""
-    random = np.random.default_rng(1_000_000 + seed)
-    off = error * (random.uniform(-1, 1, 6) if kind == "uniform" else random.choice([-1, 1], 6))
-    values = np.array(list(TRUTH.values())) * (1 + off)
-    values[5] = min(values[5], 0.98)
-    return dict(zip(TRUTH, values.tolist(), strict=True))

@@ -19,10 +19,9 @@ hs.configure()
 
 import numpy as np  # noqa: E402
 
-from benchmarks.fit_record import BOUNDS, TIMES, TRUTH, guess, positions  # noqa: E402
+from benchmarks.fit_motions import MOTIONS, guess, record  # noqa: E402
 from benchmarks.machine import describe  # noqa: E402
-from hybridsens.scenes import ElasticStop  # noqa: E402
-from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit, measurements  # noqa: E402
+from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit  # noqa: E402
 
 RESULTS = Path(__file__).parents[1] / "results" / "fit_recovery.csv"
 
@@ -41,20 +40,16 @@ class Outcome(NamedTuple):
     seconds: float
 
 
-def record(seed: int):
-    """A noisy record of the true motion."""
-    q, _ = positions()
-    sigma = 0.01 * np.max(np.abs(q))
-    return measurements(TIMES, q + sigma * np.random.default_rng(seed).normal(size=q.size), sigma=sigma)
+MOTION = MOTIONS["short"]
 
 
 def one_fit(seed: int, kind: str, error: float, settings: dict) -> Outcome:
     """Fit one record."""
-    data, scene = record(seed), ElasticStop(**guess(seed, kind, error))
+    data, scene = record(MOTION, seed), guess(MOTION, seed, error, kind)
     begin = time.perf_counter()
-    result = fit(scene, data, parameters=list(TRUTH), bounds=BOUNDS, **settings)
+    result = fit(scene, data, parameters=MOTION.fitted, bounds=MOTION.bounds, **settings)
     seconds = time.perf_counter() - begin
-    truth = np.array(list(TRUTH.values()))
+    truth = MOTION.values
     low, high = np.array(list(result.intervals().values())).T
     near = np.all(np.abs(result.values - truth) <= 3 * result.uncertainty.standard_errors)
     final = sum(line.stage == "full" and line.number > 0 for line in result.history)
@@ -67,7 +62,7 @@ def table(outcomes: list[Outcome]) -> dict[str, float]:
     good = [o for o in outcomes if o.recovered]
     row = {"records": len(outcomes), "recovered": len(good)}
     cover = np.mean([o.covered for o in outcomes], axis=0)
-    row |= {f"covered {name} [%]": 100 * share for name, share in zip(TRUTH, cover, strict=True)}
+    row |= {f"covered {name} [%]": 100 * share for name, share in zip(MOTION.fitted, cover, strict=True)}
     for what in ("iterations", "final_iterations", "seconds"):
         values = [getattr(o, what) for o in good[what == "seconds" :]] or [np.nan]  # the first one compiles
         row |= {f"{what}, median": float(np.median(values)), f"{what}, largest": float(np.max(values))}

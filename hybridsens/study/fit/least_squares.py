@@ -10,13 +10,14 @@ import optimistix
 from jaxtyping import Array, Bool, Float
 
 from ...adjoint.methods import ForwardSensitivities
+from .acceleration import bent
 from .outcome import Outcome
 from .problem import Trial
 
 _TAGS: frozenset[object] = frozenset()
 _OPTIONS = {"jac": "bwd"}  # the Jacobian comes as an array; "fwd" would keep a program, compiled anew for each fit
 _SMALL_OFFSET = 1e-3
-_PATIENCE = 8
+_PATIENCE = 12
 
 
 class _DampingState(eqx.Module):
@@ -42,7 +43,7 @@ class _CautiousTrustRegion(optimistix.ClassicalTrustRegion):
 
 
 class LevenbergMarquardt(optimistix.AbstractGaussNewton):
-    """Levenberg-Marquardt whose damping falls after every good step.
+    """Levenberg-Marquardt whose damping falls after every good step, and whose steps bend; see `acceleration.py`.
 
     `optimistix.LevenbergMarquardt` lowers it only where the reduction comes within 1 % of the predicted one, which
     a motion with impacts hardly ever reaches: it then takes several times as many iterations.
@@ -136,6 +137,10 @@ def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry):
         converged=accepted & ~trial.failed & done, stalled=new.num_steps_since_acceptance >= _PATIENCE,
         first=state.first_step, trial=trial, end=jnp.asarray(jnp.inf, z.dtype),
     )  # fmt: skip
+    if isinstance(solver, LevenbergMarquardt):
+        go_on = accepted & ~trial.failed & ~outcome.converged  # r and J are those at z then
+        move = bent(problem, z, new.y_eval - z, r, jacobian, 1 / new.search_state.step_size, go_on)
+        new = eqx.tree_at(lambda state: state.y_eval, new, z + move)
     return Carry(z, new, carry.damping), outcome, (r, jacobian)
 
 
