@@ -104,6 +104,29 @@ def test_an_impact_later_than_the_last_measured_one_is_compared_with_it():
     np.testing.assert_allclose(result.values, [1.3], rtol=1e-6)
 
 
+def test_a_measured_impact_that_the_motion_lacks_is_named():
+    """Assert that a second impact at a time when no ball of that height can have one is reported as missing."""
+    data = measurements(event_times=[_impact_times(1.0, 0.5, 9.81, 1)[0], 0.6], event_sigma=1e-3)
+    result = fit(BouncingBall(height=1.0, restitution_coefficient=0.5), data, parameters=["height"], t1=0.7)
+    np.testing.assert_array_equal(result.events_missing, [1])
+    assert "measured event 1 (at 0.6 s) is not in the fitted motion" in str(result)
+
+
+def test_residuals_that_are_no_noise_are_named():
+    """Assert that a ball with drag, fitted without, is reported: neighbouring residuals are alike, and they are larger
+    than their sigmas; the report of a model that is right says neither."""
+    times = np.linspace(0.01, 0.4, 40)
+    drop = 1.0 - np.log(np.cosh(times * np.sqrt(9.81 * 0.5))) / 0.5  # q'' = -9.81 + 0.5 q'^2 from rest
+    without = fit(BouncingBall(), measurements(times, drop, sigma=1e-3), parameters=["height"])
+    assert without.residual_correlation["q0"] > 0.8
+    assert "alike from sample to sample" in str(without) and "as large as their sigmas" in str(without)
+    noisy = 1.0 - 9.81 * times**2 / 2 + 1e-3 * np.random.default_rng(1).normal(size=40)
+    right = fit(BouncingBall(), measurements(times, noisy, sigma=1e-3), parameters=["height"])
+    assert "alike" not in str(right) and "as large as" not in str(right)
+    exact = fit(BouncingBall(), measurements(times, 1.0 - 9.81 * times**2 / 2), parameters=["height"])
+    assert "alike" not in str(exact)
+
+
 def test_masses_that_no_motion_shows_are_named():
     """Assert that any function of the state can be observed, and that of a ball's mass and weight only the ratio is
     seen:

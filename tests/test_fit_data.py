@@ -78,3 +78,23 @@ def test_unknown_columns_and_words_are_refused(tmp_path):
         measurements(event_times=[1.0, np.nan, 2.0], event_sigma=1e-3)
     with pytest.raises(ValueError, match="sorted in increasing order, but falls back at row 2"):
         measurements(event_times=[2.0, np.nan, 1.0], event_sigma=1e-3, missing="skip")
+
+
+def test_a_part_of_a_record_keeps_the_numbers_of_its_events():
+    """Assert rows and events of 0.2 <= t < 0.6, the event before it as not seen; and that an empty part is refused."""
+    record = measurements([0.1, 0.2, 0.5, 0.6], [1, 2, 3, 4], sigma=[1, 2, 3, 4],
+                          event_times=[0.15, 0.3, 0.7], event_sigma=[1, 2, 3])  # fmt: skip
+    part = record.between(0.2, 0.6)
+    np.testing.assert_array_equal(part.times, [0.2, 0.5])
+    np.testing.assert_array_equal(np.ravel(part.values), [2, 3])
+    np.testing.assert_array_equal(np.ravel(part.sigmas), [2, 3])
+    np.testing.assert_array_equal(part.event_times, [np.nan, 0.3])
+    np.testing.assert_array_equal(part.event_sigmas, [1, 2])
+    with pytest.raises(ValueError, match="there is none"):
+        record.between(0.8, 0.9)
+
+
+def test_values_by_name_are_sent_to_the_right_function():
+    """Assert that a mapping where an array belongs is refused with the way out."""
+    with pytest.raises(ValueError, match="read_measurements"):
+        measurements([0.1, 0.2], {"q0": [1.0, 2.0]})

@@ -23,7 +23,7 @@ from .watch import event_sequence
 def assemble(
     how: Method | Growing, problem: Problem, data: Measurements, guess, descents: Sequence[Descent],
     starts: Starts | None,
-) -> FitResult:
+) -> FitResult:  # fmt: skip
     """The result of the last of these descents; the ones before it were stages."""
     last, selection = descents[-1], problem.selection
     plain = eqx.tree_at(lambda p: p.robust, problem, jnp.asarray(jnp.inf))
@@ -39,10 +39,12 @@ def assemble(
     )  # fmt: skip
     residuals, event_residuals = _in_units(np.asarray(r)[:measured], data)
     trajectory, predictions = predict(problem, last.z)
+    missing = np.isfinite(data.event_times) & ~np.any(problem.matches(trajectory.events), axis=1)
     return FitResult(
         scene=problem.scene_at(last.z), labels=selection.labels, values=np.asarray(values),
         guess=np.asarray(selection.to_values(guess)),
-        loss=last.loss, residuals=residuals, event_residuals=event_residuals, jacobian=by_p, uncertainty=knowledge,
+        loss=last.loss, residuals=residuals, event_residuals=event_residuals,
+        events_missing=np.flatnonzero(missing), jacobian=by_p, uncertainty=knowledge,
         history=[line for descent in descents for line in descent.history], stopped=last.stopped,
         sequence_start=event_sequence(predict(problem, guess)[0].events), sequence_end=last.end, data=data,
         trajectory=trajectory, predictions=np.asarray(predictions), starts=starts, carry=last.carry,

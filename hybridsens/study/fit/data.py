@@ -25,6 +25,20 @@ class Measurements(eqx.Module):
     event_contacts: np.ndarray
     """(event,) which contact closed; -1 where that is not known."""
 
+    def between(self, start: float, end: float) -> "Measurements":
+        """The part with start <= t < end, to fit one part of a record and predict another. Events before it stay as not
+        seen (NaN), so that the others keep their numbers.
+
+        Raises: ValueError if nothing was measured then.
+        """
+        rows, kept = (self.times >= start) & (self.times < end), ~(self.event_times >= end)
+        events = np.where(self.event_times < start, np.nan, self.event_times)[kept]
+        if not rows.any() and np.all(np.isnan(events)):
+            raise ValueError(f"There must be a measurement with {start} <= t < {end}, but there is none.")
+        sigmas = None if self.sigmas is None else self.sigmas[rows]
+        return Measurements(self.times[rows], self.values[rows], sigmas, self.names, events, self.event_sigmas[kept],
+                            self.event_contacts[kept])  # fmt: skip
+
 
 def measurements(
     times: Any = (),
@@ -92,7 +106,13 @@ def _values(values: Any, samples: int) -> np.ndarray:
         if samples:
             raise ValueError(f"`values` must have one row for each of the {samples} times, but is None.")
         return np.zeros((0, 0))
-    y = np.asarray(values, float)
+    try:
+        y = np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"`values` must be an array of numbers, but is a {type(values).__name__} that is none. A table with named "
+            "columns goes to `read_measurements` or straight to `fit`."
+        ) from error
     y = y[:, None] if y.ndim == 1 else y
     if y.ndim != 2 or y.shape[0] != samples:
         raise ValueError(f"`values` must have shape ({samples},) or ({samples}, observation), but has shape {y.shape}.")

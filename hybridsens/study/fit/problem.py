@@ -122,12 +122,16 @@ class Problem(eqx.Module):
 
     def _event_residuals(self, events: Events):
         """Times of matching impacts; a motion with fewer impacts than were measured has the missing ones at the end."""
+        data, match = self.data, self.matches(events)
+        times = jnp.where(jnp.any(match, axis=1), events.time[jnp.argmax(match, axis=1)], self.horizon)
+        return (times - data.event_times) * data.event_weights * (data.event_times <= self.horizon)
+
+    def matches(self, events: Events) -> Bool[Array, "event happened"]:
+        """Which event of a motion is the one measured."""
         data = self.data
         impact = (events.kind == EventKind.IMPACT) | (events.kind == EventKind.CAPTURE)
         here = impact & ((events.contact == data.event_contacts[:, None]) | (data.event_contacts[:, None] < 0))
-        match = here & (jnp.cumsum(here, axis=1) - 1 == data.event_ranks[:, None])
-        times = jnp.where(jnp.any(match, axis=1), events.time[jnp.argmax(match, axis=1)], self.horizon)
-        return (times - data.event_times) * data.event_weights * (data.event_times <= self.horizon)
+        return here & (jnp.cumsum(here, axis=1) - 1 == data.event_ranks[:, None])
 
     def limited(self, r):
         """Residuals whose squares are c^2 (2 sqrt(1 + (r/c)^2) - 2): large ones count linearly."""

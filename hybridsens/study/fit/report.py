@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import stats
 
 from .watch import Sequence
 
@@ -11,9 +12,14 @@ if TYPE_CHECKING:
     from .result import FitResult
 
 
+_EXACT = 1e-6
+"""Residuals smaller than this part of the data are rounding, and alike from sample to sample."""
+
+
 def report(result: "FitResult") -> str:
     """What `print(result)` shows."""
-    return "\n".join([*_head(result), "", *_parameters(result), "", *_events(result), *_directions(result)])
+    rest = [*_events(result), *_directions(result), *_doubts(result)]
+    return "\n".join([*_head(result), "", *_parameters(result), "", *rest])
 
 
 def _head(result: "FitResult") -> Iterator[str]:
@@ -63,6 +69,34 @@ def _directions(result: "FitResult") -> Iterator[str]:
     pairs = np.argwhere(np.triu(np.abs(np.nan_to_num(result.correlation)) > 0.95, 1))
     for i, j in pairs:
         yield f"strongly correlated: {result.labels[i]} and {result.labels[j]} ({result.correlation[i, j]:+.3f})"
+
+
+def _doubts(result: "FitResult") -> Iterator[str]:
+    """What speaks against the intervals: events that are missing, residuals that are no noise of the sigmas given."""
+    for number in result.events_missing:
+        yield (
+            f"measured event {number} (at {result.data.event_times[number]:.6g} s) is not in the fitted motion: it "
+            "counts as if at the end of the horizon, and no derivative shows the way to it"
+        )
+    for i, (name, correlation) in enumerate(result.residual_correlation.items()):
+        known = np.isfinite(result.residuals[:, i])
+        r, seen = result.residuals[known, i], result.data.values[known, i]
+        if correlation > max(0.3, 4 / np.sqrt(r.size)) and np.std(r) > _EXACT * np.std(seen):
+            yield (
+                f"residuals of {name} are alike from sample to sample (correlation {correlation:.2f}): the model "
+                f"leaves something out, and the intervals are up to {_too_narrow(correlation):.1f} times too narrow"
+            )
+    freedom, noise = result.uncertainty.freedom, result.uncertainty.noise
+    if result.data.sigmas is not None and noise > 1.1 and stats.chi2.sf(freedom * noise**2, freedom) < 1e-6:
+        yield (
+            f"residuals are {noise:.2g} times as large as their sigmas say: the model leaves something out, or the "
+            "sigmas are too small; the intervals take them at their word"
+        )
+
+
+def _too_narrow(correlation: float) -> float:
+    """Of the mean of noise whose correlations fall off geometrically."""
+    return float(np.sqrt((1 + correlation) / max(1 - correlation, 1e-2)))
 
 
 def _direction(direction: dict[str, float]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from ...trajectory import Trajectory
 from .data import Measurements
 from .starts import Starts
-from .uncertainty import Uncertainty, half_width, weak_directions
+from .uncertainty import Uncertainty, half_width, neighbour_correlation, weak_directions
 from .watch import Iteration, Sequence
 
 
@@ -29,6 +29,9 @@ class FitResult(eqx.Module):
     """(sample, observation) model - measurement; NaN where nothing was measured."""
     event_residuals: np.ndarray
     """(event,) time of the motion's impact - time measured [s]."""
+    events_missing: np.ndarray
+    """Numbers of the measured events that the fitted motion does not have. Each counts as if it were at the end of the
+    horizon, where no parameter moves it."""
     jacobian: np.ndarray
     """(residual, parameter) derivative of (residual / sigma) by the parameters, observations first, then event
     times."""
@@ -69,6 +72,12 @@ class FitResult(eqx.Module):
     def converged(self) -> bool:
         """Whether the optimizer ended where it should."""
         return self.stopped == "converged"
+
+    @property
+    def residual_correlation(self) -> dict[str, float]:
+        """Column -> correlation of neighbouring residuals: about 0 for noise; near 1 where the model leaves something
+        out, and then the intervals are too narrow. NaN for fewer than three."""
+        return {name: neighbour_correlation(r) for name, r in zip(self.data.names, self.residuals.T, strict=True)}
 
     @property
     def iterations(self) -> int:

@@ -20,6 +20,8 @@ class Uncertainty(NamedTuple):
     """nan where a standard error is not finite."""
     noise: float
     """s: standard deviation of the residuals, in sigmas; in the data's unit where no sigmas were given."""
+    freedom: int
+    """Residuals less parameters."""
     quantile_freedom: float
     """Degrees of freedom of Student's t for intervals; inf (a normal distribution) where sigmas were given."""
     null_directions: list[dict[str, float]]
@@ -49,7 +51,8 @@ def uncertainty(
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(errors, errors)
     named = [dict(zip(labels, (float(x) for x in direction), strict=True)) for direction in null]
-    return Uncertainty(covariance, errors, correlation, noise, np.inf if sigmas_given else float(freedom), named)
+    quantile_freedom = np.inf if sigmas_given else float(freedom)
+    return Uncertainty(covariance, errors, correlation, noise, freedom, quantile_freedom, named)
 
 
 def _inverse(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,3 +93,11 @@ def half_width(error, level: float, freedom: float):
         raise ValueError(f"`level` must lie inside (0, 1), but is {level}.")
     quantile = stats.norm.ppf if np.isinf(freedom) else lambda p: stats.t.ppf(p, freedom)
     return error * quantile((1 + level) / 2)
+
+
+def neighbour_correlation(residuals: np.ndarray) -> float:
+    """sum r_i r_(i+1) / sum r_i^2 over neighbours that were both measured; NaN without at least two pairs."""
+    r = np.asarray(residuals)
+    pairs = np.isfinite(r[:-1]) & np.isfinite(r[1:])
+    total = np.mean(r[np.isfinite(r)] ** 2) if pairs.sum() > 1 else 0.0
+    return float(np.mean((r[:-1] * r[1:])[pairs]) / total) if total > 0 else float("nan")

@@ -32,9 +32,19 @@ def edges_away_from_kinks(problem: Problem, windows: int) -> np.ndarray:
     rough = [_roughness(problem, column) for column, _ in _coordinates(problem)]
     if not rough:
         return nominal
-    reach = samples // (4 * windows)
+    reach = _reach(samples, windows)
     choices = [np.arange(middle - reach, middle + reach + 1) for middle in nominal]
     return np.array([near[np.argmin(np.max(rough, axis=0)[near])] for near in choices])
+
+
+def _reach(samples: int, windows: int) -> int:
+    """How many samples a window's beginning may be moved."""
+    return samples // (4 * windows)
+
+
+def longest_window(samples: int, windows: int) -> int:
+    """Samples that a window may have at most, wherever the windows begin."""
+    return -(-samples // windows) + 2 * _reach(samples, windows) + 1
 
 
 def states(problem: Problem, z) -> np.ndarray:

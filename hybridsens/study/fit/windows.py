@@ -12,7 +12,7 @@ from ...mechanics.scene import State
 from ...simulate import simulate
 from ...status import Status
 from .problem import Problem, Trial
-from .window_starts import edges_away_from_kinks, states
+from .window_starts import edges_away_from_kinks, longest_window, states
 
 
 class ShootingProblem(eqx.Module):
@@ -78,7 +78,7 @@ def cut(problem: Problem, z, windows: int) -> tuple[ShootingProblem, Array]:
         )
     first = edges_away_from_kinks(problem, windows)
     pieces = np.split(np.arange(times.size), first)
-    longest = max(piece.size for piece in pieces)
+    longest = longest_window(times.size, windows)  # the same for every record, or each would compile anew
     places = np.stack([np.pad(piece, (0, longest - piece.size), mode="edge") for piece in pieces])
     inside = np.arange(longest) < np.array([[piece.size] for piece in pieces])
     edges = np.array([float(problem.t0), *times[first], float(problem.horizon)])
