@@ -84,9 +84,7 @@ METHODS: dict[str, Callable[[Problem], Found]] = {
     "Levenberg-Marquardt, sensitivities": lambda p: ours(p, None),
     "Levenberg-Marquardt, sensitivities, growing horizon": lambda p: ours(p, SLOWLY),
     "Levenberg-Marquardt, differences over 1e-4": lambda p: differences(p, None, "over 1e-4"),
-    "Levenberg-Marquardt, differences over 1e-4, growing horizon": lambda p: differences(
-        p, SLOWLY, "over 1e-4"
-    ),
+    "Levenberg-Marquardt, differences over 1e-4, growing horizon": lambda p: differences(p, SLOWLY, "over 1e-4"),
     "Levenberg-Marquardt, differences over sqrt(eps)": lambda p: differences(p, None, "over sqrt(eps)"),
     "Levenberg-Marquardt, central differences over cbrt(eps)": lambda p: differences(
         p, None, "central, over cbrt(eps)"

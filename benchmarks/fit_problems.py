@@ -24,18 +24,20 @@ class DifferencesProblem(Problem):
 
     def residuals(self, z, adjoint):
         del adjoint
-        plain = lambda z: Problem.residuals(self, z, Replay())
 
         @jax.custom_jvp
         def residuals(z):
-            return plain(z)
+            return Problem.residuals(self, z, Replay())
 
         @residuals.defjvp
         def _(primals, tangents):
             (z,), (direction,) = primals, tangents
-            r, trial = plain(z)
-            ahead, there = plain(z + self.step * direction)
-            behind = plain(z - self.step * direction)[0] if self.central else r
+            r, trial = Problem.residuals(self, z, Replay())
+            same_part = self.begun(trial.end)
+            ahead, there = Problem.residuals(same_part, z + self.step * direction, Replay())
+            behind = r
+            if self.central:
+                behind, _ = Problem.residuals(same_part, z - self.step * direction, Replay())
             slope = jnp.where(there.failed, jnp.nan, (ahead - behind) / (2 * self.step if self.central else self.step))
             return (r, trial), (slope, jax.tree.map(_no_tangent, trial))
 
@@ -71,7 +73,7 @@ class NaiveProblem(Problem):
 
     def motion(self, scene, adjoint):
         del adjoint
-        ends = jnp.minimum(self.data.times, self.horizon)
+        ends = jnp.minimum(self.data.times, self.motion_end)
         begins = jnp.concatenate([self.t0[None], ends[:-1]])
 
         def to_next_sample(state, interval):

@@ -15,6 +15,7 @@ from hybridsens.study.fit.problem import Trial
 class Valley:
     """Residuals (10 (z1 - z0^2), 1 - z0): the minimum lies at (1, 1), at the end of a curved valley."""
 
+    begun = lambda self, end: self
     fails = False
     walls = 10
 
@@ -22,7 +23,7 @@ class Valley:
         del adjoint
         none = jnp.full(1, -1)
         r = jnp.stack([self.walls * (z[1] - z[0] ** 2), 1 - z[0]])
-        return r, Trial(jnp.array(self.fails), Status.successful, none, none)
+        return r, Trial(jnp.array(self.fails), Status.successful, none, none, jnp.array(jnp.inf))
 
 
 class Canyon(Valley):
@@ -65,12 +66,12 @@ def test_a_step_stays_straight(problem, damping, wanted):
 def test_fewer_iterations_in_a_curved_valley(monkeypatch):
     """Assert that the end of a canyon is reached in at most a fifth of the iterations of straight steps (55, 637)."""
 
-    def iterations():
-        jax.clear_caches()
-        done = descend(method("levenberg-marquardt"), Canyon(), jnp.array([-1.2, 1.0]), Room(1000, 500))
+    def iterations(rtol):  # two settings, so that nothing compiled is shared
+        how = method(least_squares.LevenbergMarquardt(rtol))
+        done = descend(how, Canyon(), jnp.array([-1.2, 1.0]), Room(1000, 500))
         np.testing.assert_allclose(done.z, [1, 1], atol=1e-4)
         return len(done.history) - 1
 
-    bending = iterations()
+    bending = iterations(1e-6)
     monkeypatch.setattr(least_squares, "bent", lambda problem, z, step, *rest: step)
-    assert 5 * bending <= iterations()
+    assert 5 * bending <= iterations(1.1e-6)

@@ -43,12 +43,12 @@ def test_a_horizon_reaches_to_where_the_motion_leaves_the_record():
     gone = np.where(np.arange(20) > 11, heights + 3 * np.std(heights), heights)
     numerics, growing = Numerics(1e-8, 1e-8, 64, 1024), GrowingHorizon()
 
-    def reach(values, least=0.0):
+    def reach(values, before=-np.inf):
         problem = prepare.problem(ball, measurements(times, values), numerics, parameters=["restitution_coefficient"])
-        return float(growing.reach(problem, predict(problem, jnp.ones(1))[1], np.asarray(least), problem.horizon))
+        return float(growing.next(problem, predict(problem, jnp.ones(1))[1], jnp.asarray(before)))
 
-    assert reach(heights) == reach(wild) == 1.0
-    assert reach(gone) == times[11] and reach(gone, least=0.9) == 0.9
+    assert reach(heights) == reach(wild) == np.inf
+    assert reach(gone) == times[11] and reach(gone, before=0.8) == pytest.approx(0.8 * 1.1)
 
 
 def test_windows_tied_together_end_at_the_same_minimum(record, near):

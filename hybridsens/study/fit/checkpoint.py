@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from .parameters import Selection
@@ -19,7 +20,7 @@ class Checkpoint(NamedTuple):
     def write(self, z) -> None:
         """Replace the file in one move, so that it is whole at any time; unknowns after the parameters are left out."""
         labels = self.selection.labels
-        values = np.asarray(self.selection.to_values(z[: len(labels)]))
+        values = np.asarray(self.selection.to_values(jnp.asarray(z[: len(labels)])))
         draft = self.path.with_name(self.path.name + ".part")
         draft.write_text(json.dumps(dict(zip(labels, values.tolist(), strict=True)), indent=2) + "\n")
         os.replace(draft, self.path)

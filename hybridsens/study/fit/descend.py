@@ -7,7 +7,8 @@ from jaxtyping import Array, Float
 
 from .growing import Growing
 from .iterate import Pace
-from .optimizers import FAR, Method
+from .least_squares import FAR
+from .optimizers import Method
 from .outcome import Outcome
 from .watch import STOPPED, Audience, Iteration, Sequence, Watch
 

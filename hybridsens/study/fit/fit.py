@@ -17,7 +17,8 @@ from .descend import Descent, Room, descend
 from .growing import Growing
 from .horizon import GrowingHorizon
 from .iterate import Pace
-from .optimizers import FAR, NEAR, Method, method
+from .least_squares import FAR, NEAR
+from .optimizers import Method, method
 from .parameters import Bounds
 from .problem import Numerics, Problem
 from .result import FitResult

@@ -62,7 +62,7 @@ def step(optimizer: optax.GradientTransformation, problem, carry: Carry) -> tupl
     still = jnp.max(jnp.abs(updates)) < _SMALL_STEP * (1 + jnp.max(jnp.abs(z)))
     outcome = Outcome(
         carry.z, carry.loss, jnp.linalg.norm(carry.gradient), accepted, converged=accepted & still & ~first,
-        stalled=carry.shrink < 2.0**-_PATIENCE, first=first, trial=trial, end=jnp.full_like(loss, jnp.inf),
+        stalled=carry.shrink < 2.0**-_PATIENCE, first=first, trial=trial,
     )  # fmt: skip
     return carry, outcome, None
 

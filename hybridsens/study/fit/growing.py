@@ -1,15 +1,18 @@
 """An optimizer that fits stages of a growing horizon before the whole problem, all in one loop of one kind of step."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .horizon import GrowingHorizon
-from .optimizers import FAR, NEAR, Method
+from .horizon import GrowingHorizon, Stage
+from .least_squares import FAR, NEAR
+from .optimizers import Method
 from .outcome import Outcome
+from .problem import Problem
 
 
 class Standing(NamedTuple):
@@ -49,33 +52,28 @@ class Growing(eqx.Module):
         none = jnp.array(0)
         return Standing(self.method.begin(z, damping), end, jnp.array(stages), z, infinite, none, none, z)
 
-    def step(self, problem, standing: Standing) -> tuple[Standing, Outcome, Any]:
-        """One step of the optimizer on the present stage's problem, or on the next one's if that stage is over.
+    def step(self, problem: Problem, standing: Standing) -> tuple[Standing, Outcome, Any]:
+        """One step of the optimizer on the present stage, or the first evaluation of the next one if that is over.
 
         A stage whose first motion fails is left out.
         """
-        standing = self._in_its_stage(problem, standing)
-        stage = self.growth.stage(problem, standing.anchor, standing.end)
-        inner, outcome, linearised = self.method.step(stage, standing.inner)
-        outcome = outcome._replace(end=standing.end)
+        begins, growth = standing.over, self.growth
+        standing = self._beginning(standing)
+        stage = Stage(growth, standing.anchor, standing.end, begins)
+        inner, outcome, linearised = self.method.step(dataclasses.replace(problem, stage=stage), standing.inner)
         better = outcome.accepted & ~outcome.trial.failed & (outcome.loss <= standing.loss)
         z, loss = (jnp.where(better, new, old) for new, old in
                    ((outcome.z, standing.z), (outcome.loss, standing.loss)))  # fmt: skip
         trials, taken = standing.trials + ~outcome.first, standing.taken + (outcome.accepted & ~outcome.first)
-        full = (taken >= self.growth.steps) | (trials >= self.growth.trials)
-        over = outcome.in_stage & (outcome.ends | full)
-        return Standing(inner, standing.end, over, z, loss, trials, taken, standing.anchor), outcome, linearised
+        over = outcome.in_stage & (outcome.ends | (taken >= growth.steps) | (trials >= growth.trials))
+        new = Standing(inner, outcome.trial.end, jnp.asarray(over), z, loss, trials, taken, standing.anchor)
+        return new, outcome, linearised
 
-    def _in_its_stage(self, problem, standing: Standing) -> Standing:
-        """The same, or the beginning of the next stage."""
-        arrays, static = eqx.partition(standing, eqx.is_array)
-        following = lambda: eqx.filter(self._next(problem, standing), eqx.is_array)
-        return eqx.combine(lax.cond(standing.over, following, lambda: arrays), static)
-
-    def _next(self, problem, standing: Standing) -> Standing:
-        """At the first evaluation of the next stage, or of the whole problem."""
-        z, none = standing.z, jnp.isneginf(standing.end)
-        end = self.growth.next(problem, z, standing.end)
-        inner = self.method.begin(z, jnp.where(jnp.isposinf(end) & ~none, NEAR, FAR))
-        nothing = self.begin(z)
-        return nothing._replace(inner=inner, end=end, over=jnp.array(False), anchor=standing.anchor)
+    def _beginning(self, standing: Standing) -> Standing:
+        """The same, or with a new optimizer at the best point if a stage is over."""
+        damping = jnp.where(jnp.isneginf(standing.end), FAR, NEAR)
+        new = self.begin(standing.z)._replace(
+            inner=self.method.begin(standing.z, damping), end=standing.end, anchor=standing.anchor
+        )
+        fresh = lambda new, old: jnp.where(standing.over, new, old) if eqx.is_array(old) else old
+        return jax.tree.map(fresh, new, standing)

@@ -4,13 +4,15 @@ Over a long horizon the loss has many local minima: a guess whose phase is half 
 one. A short horizon has few, but leaves some parameters undetermined, so these stages hold z near the guess.
 """
 
-import dataclasses
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from .problem import Problem, predict
+if TYPE_CHECKING:
+    from .problem import Problem
 
 
 class GrowingHorizon(eqx.Module):
@@ -45,30 +47,23 @@ class GrowingHorizon(eqx.Module):
         """Room for trial points at one horizon, most of them rejected if it is used up."""
         return self.steps + 8
 
-    def next(self, problem: Problem, z, end) -> Float[Array, ""]:
-        """Where the stage after one that ended at time `end` and at the unknowns z ends [s]; inf: it is the whole
-        problem. `end` is -inf before the first stage."""
-        none = jnp.isneginf(end)
-        part, base = jnp.where(none, self.first, self.growth), jnp.where(none, problem.horizon, end)
-        reached = self.reach(problem, predict(problem, z)[1], part, base)
-        return jnp.where(reached < problem.horizon, reached, jnp.inf)
+    def next(self, problem: "Problem", seen, end) -> Float[Array, ""]:
+        """Where the stage after one that ended at time `end` ends [s], if a motion shows `seen`: at the last time until
+        which it follows the record, at the least later by the factor `growth`; inf: it is the whole problem. `end` is
+        -inf before the first stage.
 
-    def reach(self, problem: Problem, seen, part, end) -> Float[Array, ""]:
-        """Time until which a motion follows the record: at the least this part of the time until `end`, at most the
-        full horizon.
-
-        It is lost at two samples in a row that are too far off: one alone may be an outlier.
+        A motion is lost at two samples in a row that are too far off: one alone may be an outlier.
         """
-        times, least = problem.data.times, problem.t0 + part * (end - problem.t0)
-        if times.size < 2:
-            return jnp.minimum(least, problem.horizon)
-        lost = self._lost(problem, seen)
-        twice = lost[:-1] & lost[1:]
-        last = jnp.where(jnp.any(twice), times[jnp.argmax(twice) - 1], problem.horizon)
-        last = jnp.where(twice[0], problem.t0, last)
-        return jnp.minimum(jnp.maximum(last, least), problem.horizon)
+        none, times, t0 = jnp.isneginf(end), problem.data.times, problem.t0
+        least = t0 + jnp.where(none, self.first * (problem.horizon - t0), self.growth * (end - t0))
+        if times.size > 1:
+            lost = self._lost(problem, seen)
+            twice = lost[:-1] & lost[1:]
+            last = jnp.where(jnp.any(twice), times[jnp.argmax(twice) - 1], problem.horizon)
+            least = jnp.maximum(jnp.where(twice[0], t0, last), least)
+        return jnp.where(least < problem.horizon, least, jnp.inf)
 
-    def _lost(self, problem: Problem, seen) -> Bool[Array, "sample"]:
+    def _lost(self, problem: "Problem", seen) -> Bool[Array, "sample"]:
         data = problem.data
         known = data.weights > 0
         count = jnp.sum(known, axis=0)
@@ -77,9 +72,28 @@ class GrowingHorizon(eqx.Module):
         follows = jnp.abs(seen - data.values) <= self.trust * spread  # False for NaN, where a motion has failed
         return jnp.any(known & ~follows, axis=1)
 
-    def stage(self, problem: Problem, anchor, end) -> Problem:
-        """The problem up to the time `end`, held near z = `anchor`; with `end` at inf the problem itself."""
-        weight = jnp.where(jnp.isinf(end), 0, self.anchor_weight * problem.sigma_unit)
-        prior = dataclasses.replace(problem.prior, anchor=anchor, anchor_weight=weight.astype(anchor.dtype))
-        horizon = jnp.minimum(end, problem.horizon).astype(problem.horizon.dtype)
-        return dataclasses.replace(problem, horizon=horizon, prior=prior)
+
+class Stage(eqx.Module):
+    """A part of a problem: measurements until a time, and unknowns held near the guess."""
+
+    growth: GrowingHorizon
+    anchor: Float[Array, "parameter"]
+    """The guess."""
+    end: Float[Array, ""]
+    """The last time; inf: the whole problem. If the stage has yet to begin, that of the stage before it."""
+    begins: Bool[Array, ""]
+    """The stage has yet to begin: one motion over the full horizon shows how far it follows the record."""
+
+    def motion_end(self, problem: "Problem") -> Float[Array, ""]:
+        """How far motions go [s]."""
+        return jnp.where(self.begins, problem.horizon, jnp.minimum(self.end, problem.horizon))
+
+    def chosen_end(self, problem: "Problem", seen) -> Float[Array, ""]:
+        """The last time, chosen by what a motion shows if the stage has yet to begin."""
+        following = self.growth.next(problem, lax.stop_gradient(seen), self.end)
+        return jnp.where(self.begins, following, self.end)
+
+    def pull(self, problem: "Problem", z, end) -> Float[Array, "parameter"]:
+        """Residuals that hold z near the guess; 0 in the whole problem."""
+        weight = self.growth.anchor_weight * problem.sigma_unit
+        return jnp.where(jnp.isposinf(end), 0, (z - self.anchor) * weight)

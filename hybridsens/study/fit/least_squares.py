@@ -16,7 +16,10 @@ from .problem import Trial
 
 _TAGS: frozenset[object] = frozenset()
 _OPTIONS = {"jac": "bwd"}  # the Jacobian comes as an array; "fwd" would keep a program, compiled anew for each fit
+FAR, NEAR = 1e-3, 1e-5
+"""First damping of Levenberg-Marquardt: at a guess or in a stage, and at a point that stages have led to."""
 _SMALL_OFFSET = 1e-3
+_SMALL_STEP = 1e-9
 _PATIENCE = 12
 
 
@@ -91,7 +94,7 @@ class Carry(NamedTuple):
     state: Any
     """The Optimistix solver's own state."""
     damping: Float[Array, ""]
-    """The first one, relative to the largest diagonal entry of J^T J."""
+    """The first one in the whole problem, relative to the largest diagonal entry of J^T J."""
 
 
 @eqx.filter_jit
@@ -125,21 +128,21 @@ def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry):
     penalty = 10 * (1 + jnp.max(jnp.abs(state.f_info.residual)))
     short_r, short_jacobian = jnp.where(trial.failed, penalty, short_r), jnp.where(trial.failed, 0, short_jacobian)
     if isinstance(solver.search, optimistix.ClassicalTrustRegion):
-        state = _damped(state, carry.damping, short_jacobian)
+        state = _damped(state, jnp.where(jnp.isposinf(trial.end), carry.damping, FAR), short_jacobian)
     fn = _Linear(short_r, short_jacobian, at)
     z, new, _ = solver.step(fn, carry.z, None, _OPTIONS, state, _TAGS)
     done, _ = solver.terminate(fn, z, None, _OPTIONS, new, _TAGS)
-    done = (done & ~state.first_step) | (relative_offset(short_r, short_jacobian, r.size) < _SMALL_OFFSET)
+    done = (done & ~state.first_step) | at_minimum(short_r, short_jacobian, at, r.size)
     accepted = new.num_accepted_steps > state.num_accepted_steps
     residual, slope = new.f_info.residual, new.f_info.jac.as_matrix()
     outcome = Outcome(
         z, 0.5 * jnp.sum(residual**2), jnp.linalg.norm(slope.T @ residual), accepted,
         converged=accepted & ~trial.failed & done, stalled=new.num_steps_since_acceptance >= _PATIENCE,
-        first=state.first_step, trial=trial, end=jnp.asarray(jnp.inf, z.dtype),
+        first=state.first_step, trial=trial,
     )  # fmt: skip
     if isinstance(solver, LevenbergMarquardt):
         go_on = accepted & ~trial.failed & ~outcome.converged  # r and J are those at z then
-        move = bent(problem, z, new.y_eval - z, r, jacobian, 1 / new.search_state.step_size, go_on)
+        move = bent(problem.begun(trial.end), z, new.y_eval - z, r, jacobian, 1 / new.search_state.step_size, go_on)
         new = eqx.tree_at(lambda state: state.y_eval, new, z + move)
     return Carry(z, new, carry.damping), outcome, (r, jacobian)
 
@@ -163,17 +166,23 @@ def compressed(
     return R[:, -1], R[:, :-1]
 
 
-def relative_offset(r: Float[Array, "short"], jacobian: Float[Array, "short unknown"], n: int) -> Float[Array, ""]:
-    """Bates and Watts' measure of convergence: |r in the tangent plane| / |r across it|, per degree of freedom.
+def at_minimum(
+    r: Float[Array, "short"], jacobian: Float[Array, "short unknown"], z: Float[Array, "unknown"], n: int
+) -> Bool[Array, ""]:
+    """Whether `compressed` r and J of n residuals are those of a minimum.
 
-    Of `compressed` r and J of n residuals. At 1e-3 the distance to the minimum is about a thousandth of the statistical
-    uncertainty. Residuals that vanish altogether make it useless, so it is not the only test.
+    Bates and Watts' relative offset: |r in the tangent plane| / |r across it|, per degree of freedom. At 1e-3 the
+    distance to the minimum is about a thousandth of the statistical uncertainty. Residuals that vanish altogether
+    make it useless; then the Gauss-Newton step counts, once it is rounding of z.
     """
     p = jacobian.shape[1]
-    u, s, _ = jnp.linalg.svd(jacobian, full_matrices=False)
-    inside = jnp.where(s > 1e-10 * s[0], u.T @ r, 0)
+    u, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
+    seen = s > 1e-10 * s[0]
+    inside = jnp.where(seen, u.T @ r, 0)
     across = jnp.maximum(jnp.sum(r**2) - jnp.sum(inside**2), 0)
-    return jnp.sqrt(jnp.sum(inside**2) / p / (across / max(n - p, 1) + jnp.finfo(r.dtype).tiny))
+    offset = jnp.sqrt(jnp.sum(inside**2) / p / (across / max(n - p, 1) + jnp.finfo(r.dtype).tiny))
+    step = vt.T @ (inside / jnp.where(seen, s, 1))
+    return (offset < _SMALL_OFFSET) | (jnp.max(jnp.abs(step)) < _SMALL_STEP * (1 + jnp.max(jnp.abs(z))))
 
 
 class _Linear(eqx.Module):

@@ -10,10 +10,8 @@ import optimistix
 from jaxtyping import Array
 
 from . import gradient_descent, least_squares
+from .least_squares import FAR
 from .outcome import Outcome
-
-FAR, NEAR = 1e-3, 1e-5
-"""First damping of Levenberg-Marquardt: at a guess, and at a point that stages of a strategy have led to."""
 
 
 class Method(eqx.Module):

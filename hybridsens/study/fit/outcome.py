@@ -27,13 +27,11 @@ class Outcome(NamedTuple):
     """It is the first evaluation of a problem, so there was nothing to take a step from."""
     trial: Trial
     """What happened at the trial point."""
-    end: Float[Array, ""]
-    """Where the horizon ended that was fitted, if it was a stage of `GrowingHorizon`; inf: the problem's own."""
 
     @property
     def in_stage(self) -> Bool[Array, ""] | np.bool_:
         """Whether a shorter horizon than the problem's was fitted."""
-        return self.end < jnp.inf
+        return self.trial.end < jnp.inf
 
     @property
     def ends(self) -> Bool[Array, ""] | np.bool_:

@@ -133,7 +133,7 @@ def prior(selection: Selection, priors: Mapping[str, Any] | None) -> Prior:
             raise ValueError(f"The prior of {name!r} must have a positive sigma, but has {sigma}.")
         place = selection.labels.index(name)
         mean[place], weight[place] = middle, 1 / sigma
-    return Prior(jnp.asarray(mean), jnp.asarray(weight), jnp.zeros(len(mean)), jnp.zeros(()))
+    return Prior(jnp.asarray(mean), jnp.asarray(weight))
 
 
 def horizon(data: Measurements, t0: float, t1: float | None) -> float:

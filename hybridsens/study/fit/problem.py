@@ -1,5 +1,6 @@
 """The least-squares problem: residuals of a motion against measurements, as a function of the unknowns z."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from ...mechanics.mode import EventKind
 from ...simulate import simulate
 from ...status import Status
 from ...trajectory import Events, Trajectory
+from .horizon import Stage
 from .parameters import Selection
 
 
@@ -36,6 +38,8 @@ class Trial(NamedTuple):
     """The event sequence: an `EventKind` each, -1 in padding."""
     contact: Int[Array, "event"]
     """Which contact, -1 in padding."""
+    end: Float[Array, ""]
+    """Until when it was compared with the record, in a stage of `GrowingHorizon`; inf: all of it."""
 
 
 class Observations(eqx.Module):
@@ -59,10 +63,6 @@ class Prior(eqx.Module):
     mean: Float[Array, "parameter"]
     weight: Float[Array, "parameter"]
     """1 / sigma, 0 without a prior."""
-    anchor: Float[Array, "parameter"]
-    """Where z is held in stages of a fit that leave some parameters undetermined; see `horizon.py`."""
-    anchor_weight: Float[Array, ""]
-    """0 in the full problem."""
 
 
 class Problem(eqx.Module):
@@ -78,12 +78,14 @@ class Problem(eqx.Module):
     prior: Prior
     t0: Float[Array, ""]
     horizon: Float[Array, ""]
-    """Motions end here, and later measurements have no weight."""
+    """Motions end here."""
     sigma_unit: Float[Array, ""]
     """How large a residual of one sigma is: 1 where sigmas were given."""
     robust: Float[Array, ""]
     """Residuals beyond this (in sigmas) count linearly (pseudo-Huber); inf: all count squared."""
     numerics: Numerics
+    stage: Stage | None = None
+    """None: the whole problem."""
 
     def scene_at(self, z: Float[Array, "parameter"]):
         """The scene with the parameters p(z)."""
@@ -92,23 +94,36 @@ class Problem(eqx.Module):
     def residuals(
         self, z: Float[Array, "parameter"], adjoint: AbstractGradientMethod
     ) -> tuple[Float[Array, "residual"], Trial]:
-        """Residuals in sigmas, (sample x observation + event + 2 parameter,), and what happened."""
-        scene = self.scene_at(z)
+        """Residuals in sigmas, (sample x observation + event + parameter,), and what happened; in a stage, a row more
+        for each parameter. What a motion does after the stage's end does not matter, not even whether it fails."""
+        scene, stage = self.scene_at(z), self.stage
         trajectory = self.motion(scene, adjoint)
-        seen = (self.observed(scene, trajectory) - self.data.values) * self.data.weights
-        seen = seen * (self.data.times <= self.horizon)[:, None]
-        parts = [self.limited(jnp.ravel(seen)), self.limited(self._event_residuals(trajectory.events))]
-        parts += [(self.selection.to_values(z) - self.prior.mean) * self.prior.weight]
-        r = jnp.concatenate([*parts, (z - self.prior.anchor) * self.prior.anchor_weight])
-        failed = (trajectory.status != Status.successful) | ~jnp.all(jnp.isfinite(r))
-        return r, Trial(failed, trajectory.status, trajectory.events.kind, trajectory.events.contact)
+        seen, events = self.observed(scene, trajectory), trajectory.events
+        end = jnp.full_like(self.horizon, jnp.inf) if stage is None else stage.chosen_end(self, seen)
+        r = self.limited(jnp.concatenate([self._sample_residuals(seen, end), self._event_residuals(events, end)]))
+        prior = (self.selection.to_values(z) - self.prior.mean) * self.prior.weight
+        r = jnp.concatenate([r, prior, *([] if stage is None else [stage.pull(self, z, end)])])
+        stopped = (trajectory.status != Status.successful) & ~(end < self.motion_end)
+        return r, Trial(stopped | ~jnp.all(jnp.isfinite(r)), trajectory.status, events.kind, events.contact, end)
+
+    def begun(self, end) -> "Problem":
+        """The same problem; a stage is one that ends there, whatever a motion shows."""
+        if self.stage is None:
+            return self
+        stage = dataclasses.replace(self.stage, end=end, begins=jnp.array(False))
+        return dataclasses.replace(self, stage=stage)
+
+    @property
+    def motion_end(self) -> Float[Array, ""]:
+        """How far motions go [s]."""
+        return self.horizon if self.stage is None else self.stage.motion_end(self)
 
     def motion(self, scene, adjoint: AbstractGradientMethod) -> Trajectory:
-        """The motion up to the horizon, at the data's times."""
-        ts = jnp.minimum(self.data.times, self.horizon)
-        numerics = self.numerics
+        """The motion at the data's times."""
+        end, numerics = self.motion_end, self.numerics
+        ts = jnp.minimum(self.data.times, end)
         return simulate(
-            scene, self.initial_state(scene), t0=self.t0, t1=self.horizon, ts=ts if ts.size else None,
+            scene, self.initial_state(scene), t0=self.t0, t1=end, ts=ts if ts.size else None,
             solver=numerics.solver, rtol=numerics.rtol, atol=numerics.atol, max_events=numerics.max_events,
             max_steps=numerics.max_steps, adjoint=adjoint, throw=False,
         )  # fmt: skip
@@ -120,11 +135,16 @@ class Problem(eqx.Module):
         observe = eqx.filter_vmap(self.observe, in_axes=(None, 0, 0, 0))
         return observe(scene, self.data.times, trajectory.q, trajectory.v)
 
-    def _event_residuals(self, events: Events):
+    def _sample_residuals(self, seen, end):
+        r = (seen - self.data.values) * self.data.weights
+        return jnp.ravel(jnp.where((self.data.times <= end)[:, None], r, 0))
+
+    def _event_residuals(self, events: Events, end):
         """Times of matching impacts; a motion with fewer impacts than were measured has the missing ones at the end."""
-        data, match = self.data, self.matches(events)
-        times = jnp.where(jnp.any(match, axis=1), events.time[jnp.argmax(match, axis=1)], self.horizon)
-        return (times - data.event_times) * data.event_weights * (data.event_times <= self.horizon)
+        data, match, last = self.data, self.matches(events), jnp.minimum(end, self.horizon)
+        times = jnp.where(jnp.any(match, axis=1), events.time[jnp.argmax(match, axis=1)], last)
+        times = jnp.minimum(times, last)
+        return jnp.where(data.event_times <= end, (times - data.event_times) * data.event_weights, 0)
 
     def matches(self, events: Events) -> Bool[Array, "event happened"]:
         """Which event of a motion is the one measured."""

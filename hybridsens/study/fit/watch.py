@@ -102,7 +102,7 @@ class Watch:
             if in_stage:
                 return ""
             raise GuessFailed(f"The guess must have a motion that reaches its end, but at it {failure(outcome.trial)}")
-        self.stage = f"horizon {float(outcome.end):.3g}" if in_stage else self.name
+        self.stage = f"horizon {float(outcome.trial.end):.3g}" if in_stage else self.name
         self.z, self.loss, self.number, self.idle = outcome.z, float(outcome.loss), 0, 0
         self.first = self.best = self.last = event_sequence(outcome.trial)
         return self._tell(outcome, self.first, changed=False)

@@ -46,7 +46,13 @@ class ShootingProblem(eqx.Module):
         worst = jax.tree.map(lambda leaf: leaf[jnp.argmax(failures)], status)
         order = jnp.argsort(jnp.ravel(kind) < 0, stable=True)
         failed = jnp.any(failures) | ~jnp.all(jnp.isfinite(r))
-        return r, Trial(failed, worst, jnp.ravel(kind)[order], jnp.ravel(contact)[order])
+        whole = jnp.full_like(problem.horizon, jnp.inf)
+        return r, Trial(failed, worst, jnp.ravel(kind)[order], jnp.ravel(contact)[order], whole)
+
+    def begun(self, end) -> "ShootingProblem":
+        """The same: it has no stages."""
+        del end
+        return self
 
     def _window(self, scene, adjoint, start, t0, t1, places, inside):
         problem, numerics, dof = self.problem, self.problem.numerics, start.shape[0] // 2
