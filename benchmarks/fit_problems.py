@@ -45,7 +45,8 @@ class DifferencesProblem(Problem):
 
 
 def _no_tangent(leaf):
-    return jnp.zeros(leaf.shape, jax.dtypes.float0)
+    moves = jnp.issubdtype(leaf.dtype, jnp.inexact)
+    return jnp.zeros(leaf.shape, leaf.dtype if moves else jax.dtypes.float0)
 
 
 class NaiveEvents(NamedTuple):

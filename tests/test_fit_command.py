@@ -1,5 +1,11 @@
 """`hybridsens fit` reads a file, fits what is asked for, and says so."""
 
+import json
+import re
+import signal
+import subprocess
+import sys
+
 import pytest
 import typer
 from stop_record import RECORD
@@ -31,3 +37,29 @@ def test_what_is_not_there_is_named():
             fit(scene, RECORD, "distance", skip_missing=True)
     with pytest.raises(typer.BadParameter, match="NAME=LO:HI"):
         fit("elastic-stop", RECORD, "distance", bound=["distance=1:2:3"], skip_missing=True)
+
+
+def test_ctrl_c_prints_the_best_point_and_keeps_it(tmp_path):
+    """Assert that a signal in the middle of a slow descent ends it with a table and a file, and that a second run goes
+    on from that file."""
+    kept = tmp_path / "best.json"
+    program = "from hybridsens.commands.main import main; main()"
+    command = [sys.executable, "-c", program, "fit", "elastic-stop", "--data", str(RECORD), "--skip-missing",
+               "--parameters", "distance,restitution_coefficient", "--guess", "distance=0.7",
+               "--guess", "restitution_coefficient=0.7", "--optimizer", "adam", "--checkpoint", str(kept),
+               "--max-iterations"]  # fmt: skip
+    with subprocess.Popen([*command, "100000"], stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        lines = iter(run.stdout.readline, "")
+        first = next(line for line in lines if line.split()[:2] == ["full", "0"])
+        next(line for line in lines if line.split()[:2] == ["full", "20"])
+        run.send_signal(signal.SIGINT)
+        rest = "".join(lines)
+    assert run.returncode == 1 and "fit interrupted after" in rest and "95 % interval" in rest
+    best = json.loads(kept.read_text())
+    again = subprocess.run([*command, "1"], stdout=subprocess.PIPE, text=True).stdout
+    assert _loss(again) < 0.9 * _loss(first) and f"{best['distance']:.3g}"[:4] in again
+
+
+def _loss(text):
+    return float(re.search(r"loss (\S+)", text)[1])

@@ -1,12 +1,15 @@
 """Fits from guesses far off, by other optimizers, and after an interruption: all end at the minimum of a near fit."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from stop_record import FAR, NEAR, STOP, TRUTH, stop_record
 
+from hybridsens.adjoint.methods import Replay
 from hybridsens.scenes import BouncingBall, ElasticStop
 from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit, measurements, prepare
+from hybridsens.study.fit.horizon import Stage
 from hybridsens.study.fit.problem import Numerics, predict
 from hybridsens.study.fit.window_starts import edges_away_from_kinks, parabolas
 
@@ -49,6 +52,29 @@ def test_a_horizon_reaches_to_where_the_motion_leaves_the_record():
 
     assert reach(heights) == reach(wild) == np.inf
     assert reach(gone) == times[11] and reach(gone, before=0.8) == pytest.approx(0.8 * 1.1)
+
+
+def test_a_stage_compares_and_counts_only_what_comes_before_its_end():
+    """Assert that a stage which begins runs one motion to the end of the record, chooses sample 11 where they part,
+    and leaves out residuals, impacts and measured impacts after it (the second impact is at 0.90 s, its end at 0.6)."""
+    times = np.linspace(0.05, 1.0, 20)
+    parted = np.where(np.arange(20) > 11, 5.0, np.where(times < np.sqrt(2 / 9.81), 1 - 9.81 * times**2 / 2,
+                                                        _after_first_impact(times)))  # fmt: skip
+    data = measurements(times, parted, sigma=1.0, event_times=[np.sqrt(2 / 9.81), 0.8], event_sigma=1.0)
+    problem = prepare.problem(
+        BouncingBall(restitution_coefficient=0.5), data, Numerics(1e-8, 1e-8, 64, 1024),
+        parameters=["restitution_coefficient"],
+    )  # fmt: skip
+    z = problem.selection.from_values(np.array([0.5]))
+    stage = Stage(GrowingHorizon(), z, jnp.asarray(-np.inf), jnp.array(True))
+    begins = eqx.tree_at(lambda p: p.stage, problem, stage, is_leaf=lambda leaf: leaf is None)
+    r, trial = begins.residuals(z, Replay())
+    assert trial.end == times[11] and int(np.sum(trial.kind >= 0)) == 1 and not trial.failed
+    np.testing.assert_allclose(r, 0, atol=1e-7)
+    begun, there = begins.begun(trial.end).residuals(z, Replay())
+    np.testing.assert_allclose(begun, r, atol=1e-7)
+    np.testing.assert_array_equal(there.kind, trial.kind)
+    assert np.sum(np.abs(problem.residuals(z, Replay())[0]) > 0.05) == 9
 
 
 def test_windows_tied_together_end_at_the_same_minimum(record, near):

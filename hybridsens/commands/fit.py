@@ -26,10 +26,16 @@ def fit(
     grow: Annotated[bool, typer.Option(help="Fit the beginning first, then longer and longer parts.")] = False,
     skip_missing: Annotated[bool, typer.Option(help="Leave empty cells out instead of refusing them.")] = False,
     max_iterations: Annotated[int, typer.Option(help="Room for iterations.")] = 100,
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="JSON file that keeps the best values at any time; a fit goes on from it.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of data, fit and residuals to write.")] = None,
     quiet: Annotated[bool, typer.Option(help="Print the result alone, no iterations.")] = False,
 ) -> None:
-    """Fit parameters of a scene to measurements and print them with their intervals."""
+    """Fit parameters of a scene to measurements and print them with their intervals.
+
+    Ctrl-C ends it with the best point so far.
+    """
     from ..study.fit import GrowingHorizon, read_measurements
     from ..study.fit import fit as run_fit
 
@@ -40,6 +46,7 @@ def fit(
         _with_guess(_scene(scene), guess or []), record, parameters=_split(parameters),
         bounds=dict(_bound(text) for text in bound or []), optimizer=optimizer, robust=robust, starts=starts,
         strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations, progress=not quiet,
+        checkpoint=checkpoint,
     )  # fmt: skip
     print(result)
     if plot is not None:

@@ -104,7 +104,8 @@ class Problem(eqx.Module):
         prior = (self.selection.to_values(z) - self.prior.mean) * self.prior.weight
         r = jnp.concatenate([r, prior, *([] if stage is None else [stage.pull(self, z, end)])])
         stopped = (trajectory.status != Status.successful) & ~(end < self.motion_end)
-        return r, Trial(stopped | ~jnp.all(jnp.isfinite(r)), trajectory.status, events.kind, events.contact, end)
+        kind, contact = (jnp.where(events.time <= end, row, -1) for row in (events.kind, events.contact))
+        return r, Trial(stopped | ~jnp.all(jnp.isfinite(r)), trajectory.status, kind, contact, end)
 
     def begun(self, end) -> "Problem":
         """The same problem; a stage is one that ends there, whatever a motion shows."""

@@ -101,11 +101,19 @@ class Watch:
         if bool(outcome.trial.failed):
             if in_stage:
                 return ""
-            raise GuessFailed(f"The guess must have a motion that reaches its end, but at it {failure(outcome.trial)}")
+            raise GuessFailed(self._no_motion(failure(outcome.trial)))
         self.stage = f"horizon {float(outcome.trial.end):.3g}" if in_stage else self.name
         self.z, self.loss, self.number, self.idle = outcome.z, float(outcome.loss), 0, 0
         self.first = self.best = self.last = event_sequence(outcome.trial)
         return self._tell(outcome, self.first, changed=False)
+
+    def _no_motion(self, why: str) -> str:
+        if not self.history:
+            return f"The guess must have a motion that reaches its end, but at it {why}"
+        return (
+            f"The stages before the whole record must end at a motion that reaches its end, but after {self.stage} "
+            f"{why} A `GrowingHorizon` with more `steps` or less `trust` grows more slowly."
+        )
 
     def _keep(self) -> None:
         if self.audience.checkpoint is not None:
