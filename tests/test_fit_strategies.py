@@ -36,6 +36,15 @@ def test_a_growing_horizon_comes_home_from_a_guess_that_loses_the_phase(record, 
     assert fit(ElasticStop(**FAR), record, max_iterations=30, **STOP).loss > 10 * grown.loss
 
 
+def test_a_grown_fit_that_was_cut_short_goes_on_without_stages(record, near):
+    """Assert that a result with room for two iterations of the whole problem can be resumed by the plain optimizer."""
+    short = fit(ElasticStop(**FAR), record, strategy=GrowingHorizon(), max_iterations=2, **STOP)
+    assert short.stopped == "max_iterations"
+    rest = fit(ElasticStop(**FAR), record, resume=short, **STOP)
+    np.testing.assert_allclose(rest.values, near.values, rtol=1e-3)
+    assert rest.converged and {line.stage for line in rest.history} == {"full"}
+
+
 def test_a_horizon_reaches_to_where_the_motion_leaves_the_record():
     """Assert that a record that leaves the motion after sample 11 is followed until there, that one wild sample is
     passed over, that the least reach holds, and that a true record is followed to its end."""

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .growing import Growing
+from .growing import Growing, Standing
 from .iterate import Pace
 from .least_squares import FAR
 from .optimizers import Method
@@ -70,6 +70,7 @@ def descend(
     except KeyboardInterrupt:
         stopped = INTERRUPTED
     z = jnp.asarray(watch.z)  # once: to the host and back takes longer than some iterations
+    carry = carry.inner if isinstance(carry, Standing) else carry  # any later run has no stages
     return Descent(z, watch.loss, carry, watch.history, watch.first, watch.best, stopped, watch.whole)
 
 

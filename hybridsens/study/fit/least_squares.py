@@ -124,15 +124,12 @@ def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry):
     """
     at, state = carry.state.y_eval, carry.state
     r, jacobian, trial = linearise(problem, at)
-    short_r, short_jacobian = compressed(r, jacobian)
-    penalty = 10 * (1 + jnp.max(jnp.abs(state.f_info.residual)))
-    short_r, short_jacobian = jnp.where(trial.failed, penalty, short_r), jnp.where(trial.failed, 0, short_jacobian)
+    fn = _Linear(*_punished(trial, state, *compressed(r, jacobian)), at)
     if isinstance(solver.search, optimistix.ClassicalTrustRegion):
-        state = _damped(state, jnp.where(jnp.isposinf(trial.end), carry.damping, FAR), short_jacobian)
-    fn = _Linear(short_r, short_jacobian, at)
+        state = _damped(state, jnp.where(jnp.isposinf(trial.end), carry.damping, FAR), fn.jacobian)
     z, new, _ = solver.step(fn, carry.z, None, _OPTIONS, state, _TAGS)
     done, _ = solver.terminate(fn, z, None, _OPTIONS, new, _TAGS)
-    done = (done & ~state.first_step) | at_minimum(short_r, short_jacobian, at, r.size)
+    done = (done & ~state.first_step) | at_minimum(fn.r, fn.jacobian, at, r.size)
     accepted = new.num_accepted_steps > state.num_accepted_steps
     residual, slope = new.f_info.residual, new.f_info.jac.as_matrix()
     outcome = Outcome(
@@ -141,10 +138,23 @@ def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry):
         first=state.first_step, trial=trial,
     )  # fmt: skip
     if isinstance(solver, LevenbergMarquardt):
-        go_on = accepted & ~trial.failed & ~outcome.converged  # r and J are those at z then
-        move = bent(problem.begun(trial.end), z, new.y_eval - z, r, jacobian, 1 / new.search_state.step_size, go_on)
-        new = eqx.tree_at(lambda state: state.y_eval, new, z + move)
+        new = _with_bent_step(problem, new, outcome, r, jacobian)
     return Carry(z, new, carry.damping), outcome, (r, jacobian)
+
+
+def _punished(trial: Trial, state, r, jacobian):
+    """The same, or for a trial that failed residuals that are larger than those at the point where the solver is."""
+    penalty = 10 * (1 + jnp.max(jnp.abs(state.f_info.residual)))
+    return jnp.where(trial.failed, penalty, r), jnp.where(trial.failed, 0, jacobian)
+
+
+def _with_bent_step(problem, state, outcome: Outcome, r, jacobian):
+    """The solver's state with the next trial point on a bent step, after one was taken: r and J are those at z then."""
+    z, trial = outcome.z, outcome.trial
+    go_on = outcome.accepted & ~trial.failed & ~outcome.converged
+    damping = 1 / state.search_state.step_size
+    move = bent(problem.begun(trial.end), z, state.y_eval - z, r, jacobian, damping, go_on)
+    return eqx.tree_at(lambda state: state.y_eval, state, z + move)
 
 
 def _damped(state, damping, jacobian):
