@@ -4,6 +4,7 @@
 - "drive known": the same, five parameters; the frequency of the drive is known.
 - "chaotic": 10 impacts in 40 s, of which the last second depends on the distance of the stop 20 000-fold; stiffness,
   damping, distance and restitution.
+- "long chaotic": the same for 60 s, 15 impacts, 1 100 000-fold.
 """
 
 from typing import NamedTuple
@@ -37,14 +38,16 @@ class Motion(NamedTuple):
 
 
 SLOWLY = GrowingHorizon(first=0.1, trust=0.25, steps=3)
+CHAOTIC = Motion(
+    TRUTH | {"damping": 0.05, "frequency": 2.2, "distance": 0.301},
+    ("stiffness", "damping", "distance", "restitution_coefficient"), np.linspace(0.1, 40.0, 400), SLOWLY,
+)  # fmt: skip
 MOTIONS = {
     "short": Motion(TRUTH, tuple(TRUTH), TIMES, GrowingHorizon()),
     "drive known": Motion(TRUTH, tuple(name for name in TRUTH if name != "frequency"), TIMES, GrowingHorizon()),
-    "chaotic": Motion(
-        TRUTH | {"damping": 0.05, "frequency": 2.2, "distance": 0.301},
-        ("stiffness", "damping", "distance", "restitution_coefficient"), np.linspace(0.1, 40.0, 400), SLOWLY,
-    ),
-}  # fmt: skip
+    "chaotic": CHAOTIC,
+    "long chaotic": CHAOTIC._replace(times=np.linspace(0.1, 60.0, 600)),
+}
 
 
 def record(motion: Motion, seed: int) -> Measurements:

@@ -38,7 +38,11 @@ def _head(result: "FitResult") -> Iterator[str]:
     if result.starts is not None:
         loss = np.asarray(result.starts.loss)
         near = int(np.sum(loss <= 1.01 * loss.min()))
-        yield f"{loss.size} starts: {near} ended within 1 % of the best loss, {int(np.sum(np.isinf(loss)))} failed"
+        took = np.asarray(result.starts.iterations)
+        yield (
+            f"{loss.size} starts of {took.min()} to {took.max()} iterations before: {near} ended within 1 % of the best "
+            f"loss, {int(np.sum(np.isinf(loss)))} failed"
+        )
 
 
 def _parameters(result: "FitResult") -> Iterator[str]:

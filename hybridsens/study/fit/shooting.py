@@ -18,13 +18,7 @@ class MultipleShooting(eqx.Module):
     Meant for motions that forget their start (chaos, many impacts). It works best when all coordinates are measured:
     then the windows start from the data; otherwise from the motion of the guess. Event times take no part in it.
     Free initial states do not help where the phase of a drive is unknown: there, and wherever a motion is not chaotic,
-    take `GrowingHorizon`, which needs fewer and cheaper iterations. Records recovered by each
-    (benchmarks/fit_strategies.py; "slowly" is GrowingHorizon(first=0.1, trust=0.5, steps=2)):
-
-        motion of the elastic stop                    none      growing   slowly    shooting
-        5 impacts, all unknown, guess 30 % off        6 of 10   10 of 10  10 of 10  4 of 10
-        the same, frequency of the drive known        5 of 5    5 of 5              5 of 5
-        chaotic, 10 impacts, guess 10 % off           0 of 5    0 of 5    5 of 5    3 of 5
+    take `GrowingHorizon`, which needs fewer and cheaper iterations; docs/fitting.md has the records that each recovers.
     """
 
     windows: int = eqx.field(static=True, default=4)
