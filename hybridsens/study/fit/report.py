@@ -40,7 +40,7 @@ def _head(result: "FitResult") -> Iterator[str]:
         near = int(np.sum(loss <= 1.01 * loss.min()))
         took = np.asarray(result.starts.iterations)
         yield (
-            f"{loss.size} starts of {took.min()} to {took.max()} iterations before: {near} ended within 1 % of the best "
+            f"{loss.size} starts of {took.min()} to {took.max()} steps before: {near} ended within 1 % of the best "
             f"loss, {int(np.sum(np.isinf(loss)))} failed"
         )
 
