@@ -43,7 +43,8 @@ def test_ctrl_c_prints_the_best_point_and_keeps_it(tmp_path):
     """Assert that a signal in the middle of a slow descent ends it with a table and a file, and that a second run goes
     on from that file."""
     kept = tmp_path / "best.json"
-    program = "from hybridsens.commands.main import main; main()"
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # ignored in background jobs
+    program = listen + "from hybridsens.commands.main import main; main()"
     command = [sys.executable, "-c", program, "fit", "elastic-stop", "--data", str(RECORD), "--skip-missing",
                "--parameters", "distance,restitution_coefficient", "--guess", "distance=0.7",
                "--guess", "restitution_coefficient=0.7", "--optimizer", "adam", "--checkpoint", str(kept),
