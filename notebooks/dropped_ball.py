@@ -74,8 +74,8 @@ print(result)
 # factor named.
 
 # %% [markdown]
-# The second impact was not fitted. The record has the ball lowest at 0.627 and at 1.150 s: the model is 2 and 5 ms
-# late, for the same reason.
+# The second impact was not fitted. All 300 frames per second have the ball lowest at 0.627 and at 1.150 s: the model is
+# 2 and 5 ms late, for the same reason.
 
 # %%
 motion = hs.simulate(result.scene, result.scene.initial_state(), t1=1.2)
