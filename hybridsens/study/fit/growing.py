@@ -46,7 +46,7 @@ class Growing(eqx.Module):
         return self.method.least_squares
 
     @eqx.filter_jit
-    def begin(self, z, damping: float = FAR, stages: bool = True) -> Standing:
+    def begin(self, z, damping: float | Array = FAR, stages: bool = True) -> Standing:
         """Before anything was evaluated; without `stages` the whole problem comes at once."""
         end, infinite = jnp.asarray(-jnp.inf if stages else jnp.inf, z.dtype), jnp.asarray(jnp.inf, z.dtype)
         none = jnp.array(0)
@@ -72,8 +72,6 @@ class Growing(eqx.Module):
     def _beginning(self, standing: Standing) -> Standing:
         """The same, or with a new optimizer at the best point if a stage is over."""
         damping = jnp.where(jnp.isneginf(standing.end), FAR, NEAR)
-        new = self.begin(standing.z)._replace(
-            inner=self.method.begin(standing.z, damping), end=standing.end, anchor=standing.anchor
-        )
+        new = self.begin(standing.z, damping)._replace(end=standing.end, anchor=standing.anchor)
         fresh = lambda new, old: jnp.where(standing.over, new, old) if eqx.is_array(old) else old
         return jax.tree.map(fresh, new, standing)
