@@ -31,14 +31,14 @@ from benchmarks.fit_motions import problem as problem_of  # noqa: E402
 from benchmarks.fit_problems import DifferencesProblem, NaiveProblem, like  # noqa: E402
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
-from hybridsens.study.fit import GrowingHorizon  # noqa: E402
-from hybridsens.study.fit.descend import Room, descend  # noqa: E402
-from hybridsens.study.fit.growing import Growing  # noqa: E402
-from hybridsens.study.fit.iterate import Pace  # noqa: E402
-from hybridsens.study.fit.least_squares import linearise  # noqa: E402
-from hybridsens.study.fit.optimizers import method  # noqa: E402
-from hybridsens.study.fit.problem import Problem  # noqa: E402
-from hybridsens.study.fit.watch import Audience, GuessFailed  # noqa: E402
+from hybridsens.estimation import GrowingHorizon  # noqa: E402
+from hybridsens.estimation.descend import Room, descend  # noqa: E402
+from hybridsens.estimation.growing import Growing  # noqa: E402
+from hybridsens.estimation.iterate import Pace  # noqa: E402
+from hybridsens.estimation.least_squares import linearise  # noqa: E402
+from hybridsens.estimation.optimizers import method  # noqa: E402
+from hybridsens.estimation.problem import Problem  # noqa: E402
+from hybridsens.estimation.watch import Audience, GuessFailed  # noqa: E402
 
 
 class Found(NamedTuple):

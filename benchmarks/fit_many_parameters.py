@@ -27,13 +27,14 @@ from benchmarks.fit_motions import SLOWLY  # noqa: E402
 from benchmarks.fit_record import TRUTH, positions  # noqa: E402
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
+from hybridsens.estimation import measurements, prepare  # noqa: E402
+from hybridsens.estimation.descend import Room, descend  # noqa: E402
+from hybridsens.estimation.iterate import Pace  # noqa: E402
+from hybridsens.estimation.motions import Numerics  # noqa: E402
+from hybridsens.estimation.optimizers import method  # noqa: E402
+from hybridsens.estimation.problem import Problem  # noqa: E402
+from hybridsens.estimation.watch import Audience  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
-from hybridsens.study.fit import measurements, prepare  # noqa: E402
-from hybridsens.study.fit.descend import Room, descend  # noqa: E402
-from hybridsens.study.fit.iterate import Pace  # noqa: E402
-from hybridsens.study.fit.optimizers import method  # noqa: E402
-from hybridsens.study.fit.problem import Numerics, Problem  # noqa: E402
-from hybridsens.study.fit.watch import Audience  # noqa: E402
 
 TIMES = np.linspace(0.05, 20.0, 400)
 BASE = 0.45

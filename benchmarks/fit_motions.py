@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.fit_record import BOUNDS, TIMES, TRUTH, positions
+from hybridsens.estimation import GrowingHorizon, measurements, prepare
+from hybridsens.estimation.data import Measurements
+from hybridsens.estimation.motions import Numerics
+from hybridsens.estimation.problem import Problem
 from hybridsens.scenes import ElasticStop
-from hybridsens.study.fit import GrowingHorizon, measurements, prepare
-from hybridsens.study.fit.data import Measurements
-from hybridsens.study.fit.problem import Numerics, Problem
 
 
 class Motion(NamedTuple):

@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 
 from hybridsens import Status
 from hybridsens.adjoint.methods import Replay
+from hybridsens.comparison.naive import naive_motion
+from hybridsens.estimation.problem import Problem
 from hybridsens.mechanics.scene import State
-from hybridsens.study.fit.problem import Problem
-from hybridsens.study.naive import naive_motion
 
 
 class DifferencesProblem(Problem):
@@ -81,7 +81,7 @@ class NaiveProblem(Problem):
             state = naive_motion(scene, state, t0=interval[0], t1=interval[1], steps=self.steps).final
             return state, state
 
-        _, states = lax.scan(to_next_sample, self.initial_state(scene), (begins, ends))
+        _, states = lax.scan(to_next_sample, self.start.state(scene), (begins, ends))
         return NaiveSamples(*_arrays(states), Status.successful, _no_events())
 
 

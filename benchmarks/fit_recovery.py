@@ -21,7 +21,7 @@ import numpy as np  # noqa: E402
 
 from benchmarks.fit_motions import MOTIONS, guess, record  # noqa: E402
 from benchmarks.machine import describe  # noqa: E402
-from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit  # noqa: E402
+from hybridsens.estimation import GrowingHorizon, fit  # noqa: E402
 
 RESULTS = Path(__file__).parents[1] / "results" / "fit_recovery.csv"
 
@@ -76,11 +76,11 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="Number of the first record.")
     parser.add_argument("--guess", choices=["uniform", "corner"], default="uniform")
     parser.add_argument("--error", type=float, default=0.3)
-    parser.add_argument("--strategy", choices=["none", "growing", "shooting"], nargs="+", default=["growing"])
+    parser.add_argument("--strategy", choices=["none", "growing"], nargs="+", default=["growing"])
     parser.add_argument("--starts", type=int, default=1)
     parser.add_argument("--optimizer", default="levenberg-marquardt")
     asked = parser.parse_args()
-    strategies = {"none": None, "growing": GrowingHorizon(), "shooting": MultipleShooting()}
+    strategies = {"none": None, "growing": GrowingHorizon()}
     rows = []
     for name in asked.strategy:
         settings = {"strategy": strategies[name], "starts": asked.starts, "optimizer": asked.optimizer}

@@ -18,14 +18,12 @@ import numpy as np  # noqa: E402
 
 from benchmarks.fit_motions import MOTIONS, SLOWLY, guess, record  # noqa: E402
 from benchmarks.rows import show, write  # noqa: E402
-from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit  # noqa: E402
+from hybridsens.estimation import GrowingHorizon, fit  # noqa: E402
 
 STRATEGIES = {
     "none": None,
     "growing": GrowingHorizon(),
     "growing slowly": SLOWLY,
-    "shooting, 4 windows": MultipleShooting(),
-    "shooting, 8 windows": MultipleShooting(windows=8),
 }
 
 

@@ -82,7 +82,7 @@ def naive(problem: str, tolerances, steps) -> list[Row]:
     """What one would write without this package."""
     import jax
 
-    from hybridsens.study.baselines import constant_event_time, events_at_step_end, penalty_contact, where_reset
+    from hybridsens.comparison.baselines import constant_event_time, events_at_step_end, penalty_contact, where_reset
 
     room = reference.load(problem).event_count + 3
 

@@ -49,7 +49,7 @@ def run(store: Path, points: int) -> None:
 
     hybridsens.configure(host_devices=os.cpu_count())
     from benchmarks.sweep_problems import make_cost, scenes
-    from hybridsens.study.sweep import sweep
+    from hybridsens.sweeps import sweep
 
     sweep(make_cost("P1"), scenes("P1", points), store=store, chunk=8192, events=4)
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB")

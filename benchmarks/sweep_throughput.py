@@ -24,7 +24,7 @@ import numpy as np  # noqa: E402
 
 from benchmarks.peers import diffrax_chain, numba_saltation  # noqa: E402
 from benchmarks.sweep_problems import make_cost, points, scenes  # noqa: E402
-from hybridsens.study.sweep import sweep  # noqa: E402
+from hybridsens.sweeps import sweep  # noqa: E402
 
 
 def main() -> None:

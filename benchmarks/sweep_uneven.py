@@ -19,8 +19,8 @@ import jax  # noqa: E402
 import numpy as np  # noqa: E402
 
 from benchmarks.sweep_problems import Ball  # noqa: E402
-from hybridsens.study.sweep.engine import Engine, Program  # noqa: E402
-from hybridsens.study.sweep.lane import Wanted  # noqa: E402
+from hybridsens.sweeps.engine import Engine, Program  # noqa: E402
+from hybridsens.sweeps.lane import Wanted  # noqa: E402
 
 HORIZON = 10.0
 

@@ -1,48 +1,172 @@
-"""Hybrid mechanical motions (impacts, captures, sustained contact, releases) and their exact gradients, in JAX."""
+"""Motions of hybrid systems (impacts, captures, sustained contact, releases, switches) and their exact gradients."""
 
-from . import scenes as scenes
-from .adjoint.methods import ContinuousCostate as ContinuousCostate
-from .adjoint.methods import DiffraxAdjoint as DiffraxAdjoint
-from .adjoint.methods import ForwardSensitivities as ForwardSensitivities
-from .adjoint.methods import Replay as Replay
-from .configure import configure as configure
-from .hybrid import AbstractHybridSystem as AbstractHybridSystem
-from .hybrid import Decision as Decision
-from .mechanics.mode import EventKind as EventKind
-from .mechanics.scene import AbstractScene as AbstractScene
-from .mechanics.scene import State as State
-from .simulate import simulate as simulate
-from .status import Status as Status
-from .trajectory import Events as Events
-from .trajectory import SimulationError as SimulationError
-from .trajectory import Trajectory as Trajectory
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+from . import planar, scenes, systems
+from .adjoint.methods import (
+    AbstractGradientMethod,
+    ContinuousCostate,
+    DiffraxAdjoint,
+    ForwardSensitivities,
+    Replay,
+)
+from .configure import configure
+from .delays import DelayQueue
+from .mechanics.discontinuities import DiscontinuityWarning
+from .mechanics.lagrangian import LagrangianScene
+from .mechanics.mode import EventKind
+from .mechanics.scene import AbstractScene, State
+from .mechanics.trajectory import Events, Trajectory
+from .outcome import SimulationError, Steps
+from .saved import load
+from .simulate import simulate
+from .solution import Solution, SolutionEvents
+from .solve import solve
+from .status import Status
+from .system import AbstractHybridSystem
+
+if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and editors
+    from .comparison.check_gradient import GradientCheck, check_gradient
+    from .comparison.compare import Comparison, compare
+    from .comparison.compare_plot import plot_comparison
+    from .comparison.lyapunov import lyapunov
+    from .comparison.work_precision import WorkPrecision, work_precision
+    from .comparison.work_precision_plot import plot_work_precision
+    from .estimation import (
+        FitResult,
+        GrowingHorizon,
+        Measurements,
+        fit,
+        measurements,
+        read_measurements,
+    )
+    from .plot import (
+        Animation,
+        animate,
+        contact_forces,
+        costate,
+        plot_contacts,
+        plot_coordinates,
+        plot_costate,
+        plot_gradients,
+        plot_phase,
+        plot_solution,
+        plot_trajectory,
+    )
+    from .sweeps import Design, grid, latin_hypercube, plot_bifurcation, plot_sweep, sobol, sweep
+
+__version__ = version("hybridsens")
 
 _STUDIES = {
-    "check_gradient": "check_gradient",
-    "compare": "compare",
-    "plot_comparison": "compare_plot",
-    "work_precision": "work_precision",
-    "lyapunov": "lyapunov",
-    "plot_work_precision": "work_precision_plot",
-    "fit": "fit",
-    "FitResult": "fit",
-    "GrowingHorizon": "fit",
-    "MultipleShooting": "fit",
-    "measurements": "fit",
-    "read_measurements": "fit",
-    "sweep": "sweep",
-    "grid": "sweep",
-    "latin_hypercube": "sweep",
-    "sobol": "sweep",
-    "plot_sweep": "sweep",
-    "plot_bifurcation": "sweep",
+    "GradientCheck": "comparison.check_gradient",
+    "check_gradient": "comparison.check_gradient",
+    "Comparison": "comparison.compare",
+    "compare": "comparison.compare",
+    "plot_comparison": "comparison.compare_plot",
+    "WorkPrecision": "comparison.work_precision",
+    "work_precision": "comparison.work_precision",
+    "plot_work_precision": "comparison.work_precision_plot",
+    "lyapunov": "comparison.lyapunov",
+    "FitResult": "estimation",
+    "GrowingHorizon": "estimation",
+    "Measurements": "estimation",
+    "fit": "estimation",
+    "measurements": "estimation",
+    "read_measurements": "estimation",
+    "Animation": "plot",
+    "animate": "plot",
+    "contact_forces": "plot",
+    "costate": "plot",
+    "plot_contacts": "plot",
+    "plot_coordinates": "plot",
+    "plot_costate": "plot",
+    "plot_phase": "plot",
+    "plot_solution": "plot",
+    "plot_gradients": "plot",
+    "plot_trajectory": "plot",
+    "Design": "sweeps",
+    "grid": "sweeps",
+    "latin_hypercube": "sweeps",
+    "plot_bifurcation": "sweeps",
+    "plot_sweep": "sweeps",
+    "sobol": "sweeps",
+    "sweep": "sweeps",
 }
+"""Public name -> module that is imported when the name is first asked for: it needs libraries that a simulation does
+not."""
+
+__all__ = [
+    "AbstractGradientMethod",
+    "AbstractHybridSystem",
+    "AbstractScene",
+    "Animation",
+    "Comparison",
+    "ContinuousCostate",
+    "DelayQueue",
+    "Design",
+    "DiffraxAdjoint",
+    "DiscontinuityWarning",
+    "EventKind",
+    "Events",
+    "FitResult",
+    "ForwardSensitivities",
+    "GradientCheck",
+    "GrowingHorizon",
+    "LagrangianScene",
+    "Measurements",
+    "Replay",
+    "SimulationError",
+    "Solution",
+    "SolutionEvents",
+    "State",
+    "Status",
+    "Steps",
+    "Trajectory",
+    "WorkPrecision",
+    "animate",
+    "check_gradient",
+    "compare",
+    "configure",
+    "contact_forces",
+    "costate",
+    "fit",
+    "grid",
+    "latin_hypercube",
+    "load",
+    "lyapunov",
+    "measurements",
+    "planar",
+    "plot_bifurcation",
+    "plot_comparison",
+    "plot_contacts",
+    "plot_coordinates",
+    "plot_costate",
+    "plot_gradients",
+    "plot_phase",
+    "plot_solution",
+    "plot_sweep",
+    "plot_trajectory",
+    "plot_work_precision",
+    "read_measurements",
+    "scenes",
+    "simulate",
+    "sobol",
+    "solve",
+    "sweep",
+    "systems",
+    "work_precision",
+]
 
 
 def __getattr__(name: str):
-    """The studies are imported when they are first asked for: they bring libraries that a simulation does not need."""
     if name not in _STUDIES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
+    value = getattr(import_module(f".{_STUDIES[name]}", __name__), name)
+    globals()[name] = value  # the next look finds it without coming here
+    return value
 
-    return getattr(import_module(f".study.{_STUDIES[name]}", __name__), name)
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

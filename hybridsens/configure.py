@@ -1,29 +1,48 @@
 """Settings that JAX reads once, when it starts: made by one call, before anything runs. Nothing is set at import."""
 
 import os
+from pathlib import Path
+from typing import Any
 
 import jax
 
 _SMALL_LOOP = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold="
 
 
-def configure(*, x64: bool = True, host_devices: int | None = None, small_loop_bytes: int = 16_777_216) -> None:
-    """Set JAX up for hybridsens. Call it once, before the first array is made; results are right without it.
+_made: dict[str, Any] = {}
+"""The settings of the last call."""
+
+
+def configure(
+    *,
+    x64: bool = True,
+    host_devices: int | None = None,
+    small_loop_bytes: int = 16_777_216,
+    cache: str | Path | None = None,
+) -> None:
+    """Set JAX up for hybridsens. Call it once, before the first array is made. Without it motions are computed in
+    single precision, and several times slower.
 
     - `x64`: double precision, which the accuracy of this package is stated for.
     - `host_devices`: how many devices a CPU shows as, so that a sweep uses that many cores. Default: leave it.
     - `small_loop_bytes`: a loop that carries less than this is compiled into one kernel on a CPU instead of being
       interpreted operation by operation. It makes motions several times faster, and compiles faster.
+    - `cache`: a folder in which JAX keeps compiled programs for the next start of Python. Default: leave it.
 
     It also makes a CPU run programs in the calling thread: waking another thread costs more than a short motion.
+    The same call again does nothing, so that a notebook's cell can be run twice.
 
-    Raises: RuntimeError if JAX has already started, since it reads these settings only then.
+    Raises: RuntimeError if JAX has already started with other settings, since it reads them only then.
     """
+    wanted = dict(x64=x64, host_devices=host_devices, small_loop_bytes=small_loop_bytes, cache=cache)
+    if wanted == _made:
+        return
     if _has_started():
         raise RuntimeError(
             "JAX has already started, and reads these settings only once. Call hybridsens.configure() before the "
-            "first JAX array is made (imports are fine), or leave it out: everything is right without it, only slower."
+            "first JAX array is made (imports are fine). Without it motions are in single precision, and slower."
         )
+    _made.update(wanted)
     flags = [flag for flag in os.environ.get("XLA_FLAGS", "").split() if not flag.startswith(_SMALL_LOOP)]
     flags.append(f"{_SMALL_LOOP}{small_loop_bytes}")
     if host_devices is not None:
@@ -32,6 +51,9 @@ def configure(*, x64: bool = True, host_devices: int | None = None, small_loop_b
     os.environ["XLA_FLAGS"] = " ".join(flags)
     jax.config.update("jax_enable_x64", x64)
     jax.config.update("jax_cpu_enable_async_dispatch", False)
+    if cache is not None:
+        jax.config.update("jax_compilation_cache_dir", str(cache))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
 def _has_started() -> bool:

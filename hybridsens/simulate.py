@@ -1,27 +1,36 @@
 """The front door: a scene and a state in, the motion out, ready to be differentiated."""
 
-import warnings
+import dataclasses
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from .adjoint.methods import AbstractGradientMethod, Replay
-from .mechanics.checks import check_room, check_shapes, real_array, real_tolerance
+from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
+from .differentiable import differentiable_motion
+from .forward.method import Method
+from .mechanics.checks import check_room, check_shapes
 from .mechanics.clearance import warn_of_sampled_gaps
 from .mechanics.closures import lift_closures
+from .mechanics.constant_mass import with_known_mass
+from .mechanics.discontinuities import warn_of_discontinuities
 from .mechanics.mode import default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
 from .mechanics.system import MechanicalSystem
-from .solve import Inputs, Method, Reported, Setting, solve
-from .status import Status
-from .trajectory import Events, SimulationError, Steps, Trajectory
+from .mechanics.trajectory import Events, Trajectory
+from .mechanics.typed import Fixed, TypedScene, number
+from .outcome import Steps, nan_unless_reached, raise_unless_successful
+from .passes import Options, Problem
+from .reported import Reported
+from .settings import check_settings, given_numbers, horizon_status, segment_steps
+from .validation.arguments import check_mesh, in_type, real_array
+from .validation.direction import forward_only, reverse_only
 
 
 def simulate(
@@ -31,6 +40,7 @@ def simulate(
     t0: float | Array = 0.0,
     t1: float | Array,
     ts: Float[Array, "sample"] | None = None,
+    jump_ts: Float[Array, "jump"] | None = None,
     running_cost: Callable[..., Any] | None = None,
     solver: diffrax.AbstractSolver | None = None,
     rtol: float | Array = 1e-8,
@@ -38,9 +48,9 @@ def simulate(
     max_events: int = 256,
     max_steps: int = 4096,
     max_step: float | Array | None = None,
-    capture_speed: float | None = None,
+    capture_speed: float | Array | None = None,
     adjoint: AbstractGradientMethod | None = None,
-    throw: bool = True,
+    throw: bool | Literal["nan"] = True,
 ) -> Trajectory:
     """Motion of a scene from t0 to t1 through impacts, captures and releases, with its exact gradient.
 
@@ -56,11 +66,15 @@ def simulate(
     - `state`: initial q (dof,) and v (dof,). Contacts with gap 0 and rate 0 start closed if they are pressed together.
     - `t0`, `t1`: horizon [s], t1 > t0.
     - `ts`: sorted times in [t0, t1] at which states are wanted; at an event's time, the state after it.
+    - `jump_ts`: times at which a force, a gap or a running cost has a kink or a jump: knots of a control, switching
+      times, pulses; in any order. Those outside of the horizon do not matter. Steps end there, so that both sides are
+      integrated to tolerance, and gradients reach these times. Two that coincide count as one, and a derivative by
+      the time goes to the first of them. Default: `scene.jump_times()`, if it has that method.
     - `running_cost`: `running_cost(scene, t, q, v)`, a scalar or a PyTree; its integral comes back as `.cost`. It is
       integrated as part of the state, under the same error control.
     - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default. Explicit ones are run with
       stages of our own.
-    - `rtol`, `atol`: tolerances of the error control per step.
+    - `rtol`, `atol`: tolerances of the error control per step. Other values do not compile anew.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
     - `max_step`: longest step [s]. Dips of a gap inside a step are searched for by bounds, however short; only a gap
       that is read from a table or made by a loop is sampled instead, at 16 places of a step or more: for such a one
@@ -69,53 +83,86 @@ def simulate(
       impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
       `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
-    - `throw`: raise if the motion does not reach t1; with False, look at `.status` (per lane of a batch).
+    - `throw`: raise if the motion does not reach t1; with False, look at `.status` (per lane of a batch). A motion that
+      broke off returns the state where it did, with the gradient of that state: one that could not begin has gradient
+      0, which an optimiser takes for a stationary point. "nan" makes value and gradient of such a motion nan instead.
 
-    Raises: ValueError or TypeError for what does not fit (shapes, types); `SimulationError` for what only the values
-    show.
+    All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
+
+    Raises: ValueError or TypeError for what does not fit (shapes, types), and for a derivative in a mode that `adjoint`
+    does not serve; `SimulationError` for what only the values show. A compiled program cannot raise an exception of
+    its caller's choice: from `jax.jit` or `eqx.filter_jit` a `SimulationError` arrives as `jax.errors.JaxRuntimeError`,
+    or as ValueError where the program ran on in the background, with its text as the last line. A program that raises
+    cannot be exported by `jax.export` (NotImplementedError): use `throw=False` or "nan" there. `jax.shard_map` needs
+    `check_vma=False`.
     """
+    again = functools.partial(
+        simulate, scene, state, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver, rtol=rtol,
+        atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step, capture_speed=capture_speed,
+        adjoint=adjoint, throw=throw,
+    )  # fmt: skip
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
-    max_step = None if max_step is None else real_tolerance("max_step", max_step)
-    rtol, atol = real_tolerance("rtol", rtol), real_tolerance("atol", atol)
-    _check_settings(max_events, max_steps, solver, adjoint, capture_speed, throw)
-    check_shapes(scene, state, running_cost)
-    scene, running_cost = lift_closures(scene, running_cost, t0, state)
-    dtype = state.q.dtype
+    check_settings(max_events, max_steps, solver, adjoint, throw)
+    compiling = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((scene, state, t0, t1, ts)))
+    if capture_speed is None:
+        capture_speed = default_capture_speed(state.q.dtype)
+    numbers = given_numbers(rtol, atol, max_step, capture_speed, state.q.dtype)
+    numbers = numbers if compiling else numbers.as_arrays(state.q.dtype)
+    check_mesh(scene, running_cost, state, t0, t1, ts)
+    jump_ts = _jump_times(scene, jump_ts, state.q.dtype)
+    scene, running_cost = _prepared(scene, running_cost, t0, state)
     adjoint = adjoint or Replay()
-    room = max_events, max_steps, _segment_steps(adjoint, ts), max_step
+    room = max_events, max_steps, segment_steps(adjoint, ts)
     check_room(max_events, room[2] or max_steps, state)
-    method = Method(solver or diffrax.Tsit5(), *_tolerances(rtol, atol, dtype), *room)
-    capture_speed = default_capture_speed(dtype) if capture_speed is None else float(capture_speed)
-    system = MechanicalSystem(scene, running_cost, capture_speed, state.q.shape[0], (method.rtol, method.atol))
+    method = Method(solver or diffrax.Tsit5(), numbers.rtol, numbers.atol, *room, numbers.max_step, adjoint.step_rtol)
+    fixed = (numbers.capture_speed, numbers.rtol, numbers.atol)
+    cut, *depth = (x if isinstance(x, float) else Fixed.of(x, state.q.dtype) for x in fixed)
+    system = MechanicalSystem(scene, running_cost, cut, state.q.shape[0], (depth[0], depth[1]), jump_ts)
+    forward = isinstance(adjoint, ForwardSensitivities)
+    if not forward:
+        system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
     trajectory = _simulate(system, state, t0, t1, ts, method, adjoint)
-    return _raise_unless_successful(trajectory) if throw else trajectory
+    if throw == "nan":
+        trajectory = nan_unless_reached(trajectory, (system, state, t0, t1, ts))
+    elif throw:
+        trajectory = raise_unless_successful(trajectory)
+    trajectory = forward_only(trajectory) if forward else trajectory
+    known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
+    return trajectory.come_from(again.args[0], again) if known else trajectory
+
+
+def _prepared(scene: AbstractScene, running_cost, t0, state: State):
+    """The scene and the running cost, checked, in the type of the state, with all that they close over as leaves."""
+    scene, running_cost = in_type((scene, running_cost), state.q.dtype)
+    of_one_type = check_shapes(scene, state, running_cost)
+    scene, running_cost = lift_closures(scene, running_cost, t0, state)
+    return scene if of_one_type else TypedScene(scene, state.q.dtype), running_cost
 
 
 @eqx.filter_jit
 def _simulate(system: MechanicalSystem, state: State, t0, t1, ts, method: Method, adjoint) -> Trajectory:
     if method.max_step is None:
         warn_of_sampled_gaps(system.scene, t0, state.q)
+    declared = system.jump_ts is not None
+    warn_of_discontinuities(system.scene, t0, state.q, state.v, system.running_cost, declared)
+    system = dataclasses.replace(system, scene=with_known_mass(system.scene, state.q))
     cost_shape = None
-    running_cost = system.running_cost
-    if running_cost is not None:
-        cost_shape = jax.eval_shape(lambda: running_cost(system.scene, t0, state.q, state.v))
+    if system.running_cost is not None:
+        cost_shape = jax.eval_shape(lambda: system.cost_rate(t0, state.q, state.v))
     z = jnp.zeros(sum(leaf.size for leaf in jax.tree.leaves(cost_shape)), state.q.dtype)
     x0 = jnp.concatenate([state.q, state.v, z])
     mode = open_mode(jax.eval_shape(system.scene.gap, t0, state.q).shape[0], state.q.dtype)
-    setting = Setting(mode, _horizon_status(t0, t1, ts, method), method)
-    reported = solve(Inputs(system, x0, t0, t1, ts), setting, adjoint)
+    status = horizon_status(t0, t1, ts, method, number(system.capture_speed))
+    options = Options(mode, status, method)
+    reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
     return _trajectory(system, ts, reported, cost_shape)
 
 
-def _horizon_status(t0, t1, ts, method: Method) -> Status:
-    """Whether times and tolerances fit; what depends on the scene is looked at where the motion begins."""
-    positive = (jnp.asarray(method.rtol) > 0) & (jnp.asarray(method.atol) > 0)
-    status = Status.where(positive, Status.running, Status.bad_tolerance)
-    if ts is not None and ts.shape[0] > 0:
-        sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)
-        status = Status.where(sorted_inside, status, Status.unsorted_times)
-    status = Status.where((t1 > t0) & jnp.isfinite(t1 - t0), status, Status.bad_horizon)
-    return status
+def _jump_times(scene: AbstractScene, jump_ts, dtype):
+    if jump_ts is None and isinstance(scene, AbstractScene):
+        declared = getattr(scene, "jump_times", None)
+        jump_ts = None if declared is None else declared()
+    return None if jump_ts is None else real_array("jump_ts", jump_ts, 1).astype(dtype)
 
 
 def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) -> Trajectory:
@@ -124,7 +171,10 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) ->
     before, after = (State(*system.split(x)[:2]) for x in (reported.before, reported.after))
     kind = jnp.where(happened, reported.kind, -1)
     impulse, closing_speed = reported.emitted
-    events = Events(reported.time, kind, reported.guard, before, after, impulse, closing_speed, reported.count)
+    order_matters = happened & reported.order_matters
+    events = Events(
+        reported.time, kind, reported.guard, before, after, impulse, closing_speed, order_matters, reported.count
+    )
     samples = (None, None) if reported.samples is None else system.split(reported.samples)[:2]
     return Trajectory(
         ts, *samples, State(q, v), _unravel(z, cost_shape), events, reported.mode.active, reported.status,
@@ -149,67 +199,3 @@ def _as_arrays(t0, t1, ts, state):
     t0, t1 = (real_array(name, t, 0).astype(dtype) for name, t in (("t0", t0), ("t1", t1)))
     ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
     return t0, t1, ts, State(state.q.astype(dtype), state.v.astype(dtype))
-
-
-def _check_settings(max_events, max_steps, solver, adjoint, capture_speed, throw):
-    for name, value in (("max_events", max_events), ("max_steps", max_steps)):
-        if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-            raise ValueError(f"`{name}` must be an integer >= 1, but is {value!r}.")
-    if solver is not None and not isinstance(solver, diffrax.AbstractAdaptiveSolver):
-        raise TypeError(f"`solver` must be a Diffrax solver with an error estimate, but is {type(solver).__name__}.")
-    if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
-        raise TypeError(
-            f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {type(adjoint).__name__}."
-        )
-    if not isinstance(throw, bool):
-        raise TypeError(f"`throw` must be True or False, but is {throw!r}.")
-    if capture_speed is not None and (not isinstance(capture_speed, int | float) or not 0 <= capture_speed < 1):
-        raise ValueError(f"`capture_speed` must lie in [0, 1), but is {capture_speed!r}.")
-
-
-def _tolerances(rtol, atol, dtype):
-    """Tolerances that the floating point type can meet."""
-    if isinstance(rtol, jax.Array) or isinstance(atol, jax.Array):
-        return rtol, atol
-    finest = 16 * float(jnp.finfo(dtype).eps)
-    atol = max(atol, float(jnp.finfo(dtype).tiny) ** 0.5)  # the error norm squares an error over it
-    if rtol < finest or (atol < finest and dtype == jnp.float32):
-        warnings.warn(
-            f"Tolerances below {finest:.1e} are beyond {dtype} and are raised to it. "
-            "For double precision call `hybridsens.configure(x64=True)` before JAX starts.",
-            stacklevel=3,
-        )
-        return max(rtol, finest), max(atol, finest) if dtype == jnp.float32 else atol
-    return rtol, atol
-
-
-def _segment_steps(adjoint, ts) -> int | None:
-    """Room for the steps of a segment where they are not recorded."""
-    if not isinstance(adjoint, Replay) or not adjoint.recompute:
-        return None
-    if ts is not None:
-        raise ValueError("`ts` needs recorded steps, which Replay(recompute=True) does not keep: use Replay().")
-    return adjoint.segment_steps
-
-
-def _raise_unless_successful(trajectory: Trajectory) -> Trajectory:
-    status = jax.tree.map(_without_tangent, trajectory.status)
-    failed = status != Status.successful
-    if isinstance(failed, jax.core.Tracer):
-        return status.error_if(trajectory, failed)
-    if failed:
-        raise SimulationError(f"The motion did not reach its end: {Status[status]}")
-    return trajectory
-
-
-@jax.custom_jvp
-def _without_tangent(number):
-    """An integer that a check may look at in the middle of differentiation (checks have no rule for its empty
-    tangent)."""
-    return number
-
-
-@_without_tangent.defjvp
-def _without_tangent_jvp(primals, tangents):
-    del tangents
-    return primals[0], np.zeros(jnp.shape(primals[0]), jax.dtypes.float0)

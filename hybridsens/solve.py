@@ -1,244 +1,162 @@
-"""A hybrid system's motion with its exact gradient: the segment loop, and the backward pass as its custom VJP."""
+"""Motion of any hybrid system, with its exact gradient."""
 
-from functools import partial
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, Literal
 
+import diffrax
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from .adjoint.backward import Cotangents, pull_back
-from .adjoint.forward_sensitivity import push_forward
 from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
-from .adjoint.segment_steps import recomputed_steps, recorded_steps
-from .adjoint.step_adjoint import step_adjoint
-from .batching import map_lanes_on_cpu
+from .differentiable import differentiable_motion
+from .flattened import FlattenedSystem
 from .forward.method import Method
-from .forward.record import Motion, empty_motion
-from .forward.sampling import sample_states
-from .forward.segment_loop import run_segments
-from .forward.solver import FlowSize, flow_size
-from .hybrid import AbstractHybridSystem, Mode
-from .one_kernel import in_one_kernel
-from .packed import Packed, pack
-from .status import Status
-from .traced_once import TracedOnce
+from .numerics.shapes import Shapes
+from .outcome import Steps, nan_unless_reached, raise_unless_successful
+from .passes import Options, Problem
+from .settings import check_settings, given_numbers, horizon_status, segment_steps
+from .solution import Solution, SolutionEvents, last_events
+from .system import AbstractHybridSystem
+from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays
+from .validation.arguments import check_mesh, in_type, real_array
+from .validation.direction import forward_only, reverse_only
 
 
-class Inputs(NamedTuple):
-    """Everything that a motion is differentiated by."""
+def solve(
+    system: AbstractHybridSystem,
+    x0: Any,
+    mode: Any = None,
+    *,
+    t0: float | Array = 0.0,
+    t1: float | Array,
+    ts: Float[Array, "sample"] | None = None,
+    jump_ts: Float[Array, "jump"] | None = None,
+    running_cost: Callable[..., Any] | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    rtol: float | Array = 1e-8,
+    atol: float | Array = 1e-8,
+    max_events: int = 256,
+    max_steps: int = 4096,
+    max_step: float | Array | None = None,
+    adjoint: AbstractGradientMethod | None = None,
+    throw: bool | Literal["nan"] = True,
+) -> Solution:
+    """Motion of a hybrid system from t0 to t1 through its events, with its exact gradient.
 
-    system: AbstractHybridSystem
-    x0: Float[Array, "state"]
-    t0: Float[Array, ""]
-    t1: Float[Array, ""]
-    ts: Float[Array, "sample"] | None
+        x' = flow(t, x, mode)   until a guard falls through 0;   then  (x, mode) = transition(event, t, x, mode)
 
+    Write the cost J in plain JAX on what is returned; `eqx.filter_grad(J)(system)` is then dJ/d(system), with the
+    jump conditions (T8)-(T10) of the adjoint applied at every event. Gradients reach the leaves of the system, x0, t0,
+    t1, ts and the jump times, under `jax.jit` and `jax.vmap` in any order. The mode is never differentiated.
 
-class Setting(NamedTuple):
-    """Everything else that a motion depends on."""
+    Arguments:
 
-    mode: Mode
-    """The mode to begin in; what a system that chooses its own is given to choose from."""
-    status: Status
-    """`Status.running`, or why the motion must not start."""
-    method: Method
+    - `system`: what moves; see `AbstractHybridSystem`.
+    - `x0`: initial state, any PyTree of real arrays or numbers.
+    - `mode`: initial mode, any PyTree of arrays or numbers; None where there is only one.
+    - `t0`, `t1`: horizon, t1 > t0.
+    - `ts`: sorted times in [t0, t1] at which states are wanted; at an event's time, the state after it.
+    - `jump_ts`: times at which the flow has a kink or a jump; steps end there. Default: `system.jump_times()`.
+    - `running_cost`: `running_cost(system, t, x, mode)`, a scalar or a PyTree; its integral comes back as `.cost`.
+    - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default.
+    - `rtol`, `atol`: tolerances of the error control per step. Other values do not compile anew.
+    - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
+    - `max_step`: longest step. Dips of a guard inside a step are searched for by bounds, however short; only a guard
+      that is read from a table or made by a loop is sampled instead, at 16 places of a step or more: for such a one
+      give the time that its shortest dip lasts.
+    - `adjoint`: `Replay()` (default) or another gradient method, as for `simulate`.
+    - `throw`: raise if the motion does not reach t1; with False, look at `.status`; "nan" makes value and gradient of
+      such a motion nan.
 
-
-class _How(NamedTuple):
-    """How to go back: by which method, and whether the ends of the horizon are differentiated by."""
-
-    adjoint: AbstractGradientMethod
-    by_t0: bool
-    by_t1: bool
-
-
-class Reported(NamedTuple):
-    """Everything that is reported of a motion. Rows of events beyond `count` are padding."""
-
-    final: Float[Array, "state"]
-    samples: Float[Array, "sample state"] | None
-    time: Float[Array, "event"]
-    before: Float[Array, "event state"]
-    after: Float[Array, "event state"]
-    emitted: Any
-    guard: Int[Array, "event"]
-    kind: Int[Array, "event"]
-    count: Int[Array, ""]
-    mode: Mode
-    status: Status
-    accepted: Int[Array, ""]
-    rejected: Int[Array, ""]
-
-
-def solve(inputs: Inputs, setting: Setting, adjoint: AbstractGradientMethod | None = None) -> Reported:
-    """Motion of a hybrid system from (t0, x0) to t1, differentiable in all of `inputs`.
-
-    With `Replay()` in reverse mode (and forward over reverse), with `ForwardSensitivities()` in forward mode.
+    Raises: ValueError or TypeError for what does not fit (structures, shapes, types), and for a derivative in a mode
+    that `adjoint` does not serve; `SimulationError` for what only the values show, as `simulate` does.
     """
-    inputs = inputs._replace(system=TracedOnce(inputs.system))
-    # JAX traces the rule below under the mesh that it finds, named; were it not named here, all would be traced twice.
-    with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
-        if isinstance(adjoint, ForwardSensitivities):
-            return _forward(inputs, setting)[0]
-        return _solve_in_reverse(inputs, setting, adjoint or Replay())
-
-
-@eqx.filter_custom_vjp
-def _solve_in_reverse(inputs: Inputs, setting: Setting, adjoint: AbstractGradientMethod) -> Reported:
-    del adjoint
-    return _forward(inputs, setting)[0]
-
-
-@_solve_in_reverse.def_fwd
-def _solve_fwd(perturbed, inputs, setting, adjoint):
-    del perturbed, adjoint
-    return _forward(inputs, setting)
-
-
-@_solve_in_reverse.def_bwd
-def _solve_bwd(motion, reported_bar, perturbed, inputs, setting, adjoint):
-    how = _How(adjoint, perturbed.t0, perturbed.t1)
-    return _backward(inputs, setting, motion, reported_bar, how)
-
-
-@eqx.filter_custom_jvp
-def _run(inputs: Inputs, setting: Setting) -> Motion:
-    """The forward pass; its derivative rule in forward mode is the push-forward of variations."""
-    system, x0, t0, t1, _ = inputs
-    stepper = setting.method.stepper(_flow_size(inputs, setting))
-    method = setting.method
-    room = method.max_events, method.max_steps if method.segment_steps is None else 0
-    motion = empty_motion(system, t0, x0, setting.mode, *room, setting.status)
-    return run_segments(system, stepper, t1, motion)
-
-
-@_run.def_jvp
-def _run_jvp(primals, tangents):
-    inputs, setting = primals
-    if setting.method.segment_steps is not None:
-        raise NotImplementedError(
-            "Forward mode and second derivatives need recorded steps, which Replay(recompute=True) does not keep: use "
-            "Replay() or ForwardSensitivities()."
+    if not isinstance(system, AbstractHybridSystem):
+        raise TypeError(f"`system` must be a hybridsens.AbstractHybridSystem, but is {type(system).__name__}.")
+    check_settings(max_events, max_steps, solver, adjoint, throw)
+    x0, dtype = state_as_arrays(x0)
+    mode = mode_as_arrays(mode)
+    t0, t1 = (real_array(name, t, 0).astype(dtype) for name, t in (("t0", t0), ("t1", t1)))
+    ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
+    jump_ts = system.jump_times() if jump_ts is None else jump_ts
+    jump_ts = None if jump_ts is None else real_array("jump_ts", jump_ts, 1).astype(dtype)
+    check_mesh(system, x0, t0, t1, ts)
+    system, running_cost = in_type((system, running_cost), dtype)
+    counts, cost = check_system(system, running_cost, t0, x0, mode)
+    system, running_cost = in_type(lifted(system, running_cost, t0, x0, mode), dtype)
+    adjoint = adjoint or Replay()
+    again = Again.of(
+        dict(
+            system=system, x0=x0, mode=mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
+            rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step, adjoint=adjoint,
         )
-    motion = _run(inputs, setting)
-    parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
-    d_inputs = tangents[0]
-    d_parameters = _filled(parameters, eqx.filter(d_inputs.system, eqx.is_inexact_array))
-    d_ends = tuple(_filled(p, d) for p, d in zip(inputs[1:4], d_inputs[1:4], strict=True))
-    start = (inputs.t0, inputs.x0)
-    solver = setting.method.replay_solver(_flow_size(inputs, setting))
-    d = push_forward(parameters, static, solver, motion, start, inputs.t1, (d_parameters, *d_ends))
-    nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
-    moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.time, m.events.before, m.events.after, m.events.emitted)
-    d_moved = (d.final, d.grid_t, d.grid_x, d.time, d.before, d.after, d.emitted)
-    return motion, eqx.tree_at(moved, nothing, d_moved)
-
-
-def _flow_size(inputs: Inputs, setting: Setting) -> FlowSize:
-    return flow_size(inputs.system, setting.mode, inputs.t0, inputs.x0)
-
-
-def _filled(primal, tangent):
-    """Tangents with zeros where nothing moves."""
-    fill = lambda p, t: jnp.zeros_like(p) if t is None and p is not None else t
-    return jax.tree.map(fill, primal, tangent, is_leaf=lambda leaf: leaf is None)
-
-
-def _forward(inputs: Inputs, setting: Setting) -> tuple[Reported, Packed]:
-    """Report and full record. A CPU's batch keeps no records: `_backward` runs its lanes again."""
-    dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
-    room = setting.method.max_events
-    go = lambda dynamic: _forward_lane(*eqx.combine(dynamic, static))
-
-    def lane(dynamic):
-        motion, samples = go(dynamic)
-        return _report(motion, samples, room), pack((motion, samples))
-
-    def alone(dynamic):
-        packed = in_one_kernel(go)(dynamic)
-        motion, samples = packed.unpack()
-        return _report(motion, samples, room), packed
-
-    return map_lanes_on_cpu(lane, alone)(dynamic)
-
-
-@eqx.filter_jit  # traced for the value and again for its gradient: the second time it is looked up
-def _forward_lane(inputs: Inputs, setting: Setting) -> tuple[Motion, Float[Array, "sample state"] | None]:
-    """A motion and its samples."""
-    motion = _run(inputs, setting)
-    if inputs.ts is None:
-        return motion, None
-    solver = setting.method.replay_solver(_flow_size(inputs, setting))
-    samples = sample_states(inputs.system, solver, motion, inputs.ts, forward_mode=True)  # `_sample_vjp` goes back
-    reached = inputs.ts <= motion.t
-    return motion, jnp.where(reached[:, None], samples, jnp.nan)  # one that broke off has no states further on
-
-
-def _backward(inputs: Inputs, setting: Setting, record: Packed, reported_bar: Reported, how: _How) -> Inputs:
-    """Cotangents of the inputs from those of the report (None where nothing depends on an entry)."""
-    dynamic, static = eqx.partition((inputs, setting), eqx.is_array)
-
-    def go_back(dynamic, motion, bar):
-        inputs, setting = eqx.combine(dynamic, static)
-        return _backward_lane(inputs, setting, motion, bar, how)
-
-    def lane(dynamic, record, bar):
-        return go_back(dynamic, record.unpack()[0], bar), None
-
-    def alone(dynamic, record, bar):
-        return in_one_kernel(lambda *given: lane(*given)[0])(dynamic, record, bar).unpack(), None
-
-    def lane_of_batch(batched, dynamic, record, bar):
-        inputs_batched, record_batched, _ = batched
-        if inputs_batched and not record_batched:
-            motion, _ = _forward_lane(*eqx.combine(dynamic, static))
-            return go_back(dynamic, motion, bar), None
-        return lane(dynamic, record, bar)
-
-    return map_lanes_on_cpu(lane, alone, lane_of_batch)(dynamic, record, reported_bar)[0]
-
-
-def _backward_lane(inputs: Inputs, setting: Setting, motion: Motion, bar: Reported, how: _How) -> Inputs:
-    parameters, static = eqx.partition(inputs.system, eqx.is_inexact_array)
-    replay = setting.method.replay_solver(_flow_size(inputs, setting))
-    grid, ts_bar, sampled = None, None, None
-    if bar.samples is not None:
-        sampled, grid, ts_bar = _sample_vjp(parameters, static, replay, motion, inputs.ts, bar.samples)
-    final = jnp.zeros_like(motion.x) if bar.final is None else bar.final
-    cotangents = Cotangents(final, bar.time, bar.before, bar.after, bar.emitted, grid)
-    start = (inputs.t0, inputs.x0)
-    carry_back = step_adjoint(how.adjoint, replay)
-    ends = (how.by_t0, how.by_t1)
-    find_steps = recorded_steps
-    if setting.method.segment_steps is not None:
-        stepper = setting.method.stepper(_flow_size(inputs, setting))
-        find_steps = partial(recomputed_steps, inputs.system, stepper, start, inputs.t1)
-    gradient = pull_back(parameters, static, carry_back, find_steps, motion, start, inputs.t1, cotangents, ends)
-    by_parameters = gradient.parameters
-    if sampled is not None:
-        by_parameters = jax.tree.map(jnp.add, by_parameters, sampled)
-    return Inputs(by_parameters, gradient.x0, gradient.t0, gradient.t1, ts_bar)
-
-
-def _sample_vjp(parameters, static, solver, motion: Motion, ts, samples_bar):
-    """Cotangents that samples pass on: to the parameters, to the recorded grid, to their times."""
-
-    def sample(parameters, grid_t, grid_x, ts):
-        grid = eqx.tree_at(lambda m: (m.steps.t, m.steps.x), motion, (grid_t, grid_x))
-        return sample_states(eqx.combine(parameters, static), solver, grid, ts)
-
-    _, vjp = jax.vjp(sample, parameters, motion.steps.t, motion.steps.x, ts)
-    by_parameters, grid_t, grid_x, by_ts = vjp(samples_bar)
-    return by_parameters, (grid_t, grid_x), by_ts
-
-
-def _report(motion: Motion, samples: Float[Array, "sample state"] | None, room: int) -> Reported:
-    events = motion.events
-    cut = lambda rows: jax.tree.map(lambda leaf: leaf[:room], rows)
-    return Reported(
-        motion.x, samples, cut(events.time), cut(events.before), cut(events.after), cut(events.emitted),
-        cut(events.guard), cut(events.decision.kind), events.count, motion.mode, motion.status,
-        motion.steps.count, motion.rejected,
     )  # fmt: skip
+    numbers = _numbers((rtol, atol, max_step), (system, x0, t0, t1, ts), dtype)
+    rtol, atol, max_step = numbers
+    room = max_events, max_steps, segment_steps(adjoint, ts)
+    method = Method(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
+    forward = isinstance(adjoint, ForwardSensitivities)
+    if not forward:
+        system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
+    flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), *counts, mode)
+    solution = _solve(flat, x0, mode, (t0, t1, ts), method, adjoint, Shapes.of(cost))
+    if throw == "nan":
+        solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
+    elif throw:
+        solution = raise_unless_successful(solution, last_events)
+    solution = forward_only(solution) if forward else solution
+    return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
+
+
+class Again(eqx.Module):
+    """A call of `solve` with all arguments but `ts`."""
+
+    arrays: tuple
+    rest: tuple = eqx.field(static=True)
+    tree: Any = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, given: dict) -> "Again":
+        leaves, tree = jax.tree.flatten(given, is_leaf=lambda leaf: leaf is None)
+        arrays = tuple(leaf if eqx.is_array(leaf) else None for leaf in leaves)
+        return cls(arrays, tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves), tree)
+
+    def __call__(self, ts) -> Solution:
+        return solve(**self._given(), ts=ts, throw=False)
+
+    def initial_mode(self) -> Any:
+        """The mode in which the motion begins."""
+        return self._given()["mode"]
+
+    def _given(self) -> dict[str, Any]:
+        leaves = [fixed if array is None else array for array, fixed in zip(self.arrays, self.rest, strict=True)]
+        return self.tree.unflatten(leaves)
+
+
+def _numbers(settings, given, dtype):
+    """Tolerances and the longest step: constants of a program that is being compiled, arrays of one that is called."""
+    rtol, atol, max_step = settings
+    numbers = given_numbers(rtol, atol, max_step, 0.0, dtype)
+    compiling = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(given))
+    numbers = numbers if compiling else numbers.as_arrays(dtype)
+    return numbers.rtol, numbers.atol, numbers.max_step
+
+
+@eqx.filter_jit
+def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, cost: Shapes) -> Solution:
+    t0, t1, ts = horizon
+    start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
+    options = Options(flat.watched(mode, start.dtype), horizon_status(t0, t1, ts, method), method)
+    reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)
+    x, z = flat.split(reported.final)
+    before, after = (flat.split(side)[0] for side in (reported.before, reported.after))
+    events = SolutionEvents(
+        reported.time, reported.guard, before, after, reported.mode_after.given, reported.count
+    )
+    samples = None if reported.samples is None else flat.split(reported.samples)[0]
+    steps = Steps(reported.accepted, reported.rejected)
+    total = None if flat.running_cost is None else cost.restore(z)
+    return Solution(ts, samples, x, total, events, reported.mode.given, reported.status, steps, None)

@@ -15,7 +15,7 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from jaxtyping import Array, Float  # noqa: E402
 
-from hybridsens.study.fit import fit, read_measurements  # noqa: E402
+from hybridsens.estimation import fit, read_measurements  # noqa: E402
 
 here = Path(__file__).parent if "__file__" in globals() else Path.cwd()
 record = read_measurements(here / "data" / "dropped_ball.csv", columns=["z"])

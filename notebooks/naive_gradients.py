@@ -21,8 +21,8 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
+from hybridsens.comparison.baselines import penalty_contact, where_reset  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
-from hybridsens.study.baselines import penalty_contact, where_reset  # noqa: E402
 
 SMALL = bool(os.environ.get("HYBRIDSENS_NOTEBOOKS_SMALL"))  # fewer points, for a quick look
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
 from hybridsens.scenes import ElasticStop  # noqa: E402
-from hybridsens.study.sweep import grid, plot_bifurcation, plot_sweep, status_counts, sweep  # noqa: E402
+from hybridsens.sweeps import grid, plot_bifurcation, plot_sweep, status_counts, sweep  # noqa: E402
 
 SMALL = bool(os.environ.get("HYBRIDSENS_NOTEBOOKS_SMALL"))  # coarse maps, for a quick check that everything runs
 POINTS, FREQUENCIES, PERIODS = (12, 10, 40) if SMALL else (200, 600, 200)

@@ -12,6 +12,16 @@ import hybridsens  # noqa: E402
 
 hybridsens.configure()
 
+CORE = ("complementarity", "dense", "facade", "front_door", "interval", "jump", "layout", "references", "scheduled")
+"""Files of the first look: laws of an instant, jumps, digits of the references, the front door, the layout."""
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.path.stem.removeprefix("test_") in CORE:
+            item.add_marker("core")
+
+
 # Test time is compile time: programs that were compiled once are kept beside the checkout.
 jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / ".jax_cache"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hybridsens.study.fit import Measurements, read_measurements
+from hybridsens.estimation import Measurements, read_measurements
 
 RECORD = Path(__file__).parents[1] / "notebooks" / "data" / "stop_record.csv"
 TRUTH = {

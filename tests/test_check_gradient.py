@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
+from hybridsens.comparison.check_events import cascades, split_at_events
+from hybridsens.comparison.check_gradient import check_gradient
+from hybridsens.comparison.functional import running_cost_functional
 from hybridsens.scenes import BouncingBall
-from hybridsens.study.check_events import cascades, split_at_events
-from hybridsens.study.check_gradient import check_gradient
-from hybridsens.study.functional import running_cost_functional
 
 IMPACT, CAPTURE, RELEASE = hs.EventKind.IMPACT, hs.EventKind.CAPTURE, hs.EventKind.RELEASE
-check_gradient_module = importlib.import_module("hybridsens.study.check_gradient")
+check_gradient_module = importlib.import_module("hybridsens.comparison.check_gradient")
 
 
 class Ball(BouncingBall):
@@ -32,6 +32,7 @@ def test_a_right_gradient_passes_and_each_impact_has_determinant_e_squared():
     assert "All agree." in str(check)
 
 
+@pytest.mark.slow
 def test_a_parameter_that_is_held_constant_by_mistake_is_named():
     """`stop_gradient` on the floor makes adjoint and forward agree on 0; there, and only there, differences do not."""
 
@@ -61,6 +62,7 @@ class WrongFloor(Ball):
         return q - _place(self.floor)
 
 
+@pytest.mark.slow
 def test_a_wrong_derivative_in_a_contact_is_found_at_its_events():
     """Every impact's own check names the parameter that stands wrongly in the gap."""
     check = check_gradient(WrongFloor(), max_events=8, max_steps=1024)
@@ -93,7 +95,8 @@ def test_a_cascade_stays_together_from_its_fastest_impact_to_its_capture():
     contacts = jnp.array([0, 0, 0, 0, 0, 0, 0, 0, 1])
     rows = hs.State(jnp.zeros((9, 2)), jnp.zeros((9, 2)))
     kinds = jnp.array([int(kind) for kind in kinds])
-    events = hs.Events(jnp.arange(9.0), kinds, contacts, rows, rows, jnp.zeros((9, 2)), speeds, jnp.array(9))
+    no = jnp.zeros(9, bool)
+    events = hs.Events(jnp.arange(9.0), kinds, contacts, rows, rows, jnp.zeros((9, 2)), speeds, no, jnp.array(9))
     joined = cascades(events, np.array([0.1, 0.0]))
     groups, _ = split_at_events(np.arange(9.0), 9, -1.0, 9.0, joined)
     assert groups == [range(0, 3), range(3, 4), range(4, 7), range(7, 8), range(8, 9)]

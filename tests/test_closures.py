@@ -77,4 +77,5 @@ def test_closed_over_values_are_differentiated(function, way, expected):
     """Mass matrix, force, gap, restitution and running cost made from a traced value, in reverse and forward mode."""
     adjoint, derivative = (hs.Replay(), jax.grad) if way == "reverse" else (hs.ForwardSensitivities(), jax.jacfwd)
     assert jnp.all(expected != 0)
-    assert_close(jax.jit(derivative(lambda p: function(p, adjoint)))(P), expected, 1e-12)
+    # Either mode cuts steps for itself.
+    assert_close(jax.jit(derivative(lambda p: function(p, adjoint)))(P), expected, 5e-9)

@@ -6,8 +6,9 @@ import sys
 
 import pytest
 
-from hybridsens.commands.main import run
+from hybridsens.cli.main import run
 from hybridsens.scenes import SCENES
+from hybridsens.systems import SYSTEMS
 
 
 def test_demo_shows_a_right_gradient_beside_a_wrong_one(tmp_path, capsys):
@@ -22,18 +23,28 @@ def test_demo_shows_a_right_gradient_beside_a_wrong_one(tmp_path, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+def test_demo_shows_a_hybrid_system(tmp_path, capsys):
+    """As of a scene: the loop with `where` holds the times of the switches constant."""
+    picture = tmp_path / "motion.png"
+    assert run(["demo", "thermostat", "--output", str(picture)]) == 0
+    printed = capsys.readouterr().out
+    (errors,) = re.findall(r"largest error: jump adjoint (\S+), naive autodiff (\S+)", printed)
+    assert float(errors[0]) < 1e-6 < 0.1 < float(errors[1])
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
 def test_scenes_lists_every_scene_with_a_line(capsys):
     """Each name that `demo` takes stands at the start of a line that says what the scene is."""
     assert run(["scenes"]) == 0
-    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
-    assert [line[0] for line in lines] == list(SCENES)
+    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    assert [line[0] for line in lines] == [*SCENES, *SYSTEMS]
     assert all(len(line[1]) > 10 for line in lines)
 
 
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["demo", "nowhere"], "no scene 'nowhere'; choose one of elastic-stop"),
+        (["demo", "nowhere"], "no scene 'nowhere'; choose elastic-stop"),
         (["demo", "--tolerance", "0"], "tolerance must lie between"),
         (["demo", "--tolerance", "small"], "valid number"),
         (["demo", "--output", "motion.doc"], "must end in one of"),
@@ -54,9 +65,20 @@ def test_bad_arguments_get_one_clear_line_and_a_status(arguments, reason, capsys
 
 def test_the_console_script_configures_jax_and_passes_its_status_on():
     """A fresh process runs in double precision, and its exit status is that of the command."""
-    code = "import sys, jax; from hybridsens.commands.main import main\n"
+    code = "import sys, jax; from hybridsens.cli.main import main\n"
     code += "try: main()\nfinally: print(jax.config.jax_enable_x64)"
     ended = subprocess.run([sys.executable, "-c", code, "demo", "nowhere"], capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     assert ended.stdout.split() == ["True"]
     assert len(ended.stderr.splitlines()) == 1
+
+
+def test_the_same_settings_may_be_made_twice():
+    """Other ones may not, once JAX has started. A notebook's first cell can be run again."""
+    code = (
+        "import hybridsens, jax.numpy as jnp\n"
+        "hybridsens.configure(); jnp.ones(1); hybridsens.configure()\n"
+        "try:\n    hybridsens.configure(x64=False)\nexcept RuntimeError as error:\n    print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.stdout.startswith("JAX has already started") and not done.stderr, done

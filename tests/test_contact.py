@@ -31,6 +31,7 @@ def raised(contacts, height):
     return [(normal, offset - height * normal[0]) for normal, offset in contacts]
 
 
+@pytest.mark.slow
 def test_a_wall_is_struck_while_the_floor_is_held():
     """A body slides on the floor, strikes a wall, slides back: x(2) = c - e (2 v - c), and the floor never lets go."""
     motion = linear.solve(linear.scene([FLOOR, WALL], [0.0, 0.8]), [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 2.0)

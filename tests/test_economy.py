@@ -78,7 +78,7 @@ def body(loop):
     return loop.params["body_jaxpr"].jaxpr
 
 
-def test_steps_solve_for_no_multiplier_where_no_contact_stays_closed():
+def test_steps_solve_for_no_multiplier_where_no_event_repeats():
     """The multipliers' matrix, (contact, contact), is met in the step loop only if contacts may stay closed.
 
     Without it there is no release guard either, since that is a multiplier.

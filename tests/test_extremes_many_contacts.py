@@ -20,7 +20,9 @@ def test_two_bodies_of_any_mass_ratio_collide_by_the_textbook(ratio):
     assert_close(trajectory.final.q, np.array([1.0, 2.0]) + expected, 1e-14)
 
 
-@pytest.mark.parametrize("ratio, collisions", [(1e2, 31), (1e4, 314)])
+@pytest.mark.parametrize(
+    "ratio, collisions", [pytest.param(1e2, 31, marks=pytest.mark.slow), pytest.param(1e4, 314, marks=pytest.mark.slow)]
+)
 def test_a_light_ball_between_a_wall_and_a_heavy_one_counts_the_digits_of_pi(ratio, collisions):
     """Elastic collisions number floor(pi sqrt(ratio)), and energy is kept to 1e-13."""
     scene = make([1.0, ratio], [0.0, 0.0], [[1.0, 0.0], [-1.0, 1.0]], [0.0, 0.0], [1.0, 1.0])

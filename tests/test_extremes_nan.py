@@ -15,6 +15,8 @@ HIGH = 10.0
 class Breaks(hs.AbstractScene):
     """A ball over a floor at 0 whose gap and force take the value `wrong` below heights of their own."""
 
+    known_discontinuities = True
+
     wrong: jax.Array
     gap_below: jax.Array
     rate_below: jax.Array

@@ -27,6 +27,7 @@ def test_a_random_motion_obeys_the_laws(seed):
         assert size <= SMALL.get(law, CUT), law
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(0, 50, 5))
 def test_forward_and_reverse_agree_on_a_random_scene_and_differences_where_they_may(seed):
     """Along a random direction in scene and state, and along the load by differences, if no event comes or goes."""
@@ -40,3 +41,16 @@ def test_forward_and_reverse_agree_on_a_random_scene_and_differences_where_they_
     difference = at_random.difference_slope(given, direction, 1e-5)
     if difference is not None:
         assert abs(at_random.slopes(given, direction)[0] - difference) <= 1e-4 * (1 + abs(difference))
+
+
+@pytest.mark.parametrize("trivial", [at_random.at_rest, at_random.in_flight], ids=["at-rest", "in-flight"])
+@pytest.mark.parametrize("seed", range(1, 50, 6))
+def test_gradients_of_trivial_motions_are_those_of_differences(seed, trivial):
+    """From equilibrium and in flight the motion needs hardly a step; its derivative does."""
+    given = trivial(at_random.draw(seed))
+    direction = at_random.load_and_state(given, np.random.default_rng(seed))
+    difference = at_random.difference_slope(given, direction, 1e-3 if trivial is at_random.at_rest else 1e-5)
+    if difference is None:
+        return
+    for slope in at_random.slopes(given, direction):
+        assert abs(slope - difference) <= 1e-5 * (1 + abs(difference))

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from stop_record import NEAR, STOP, TRUTH, stop_record
 
+from hybridsens import load
+from hybridsens.estimation import fit, measurements
+from hybridsens.estimation.watch import GuessFailed
 from hybridsens.scenes import BouncingBall, ElasticStop
-from hybridsens.study.fit import fit, measurements
-from hybridsens.study.fit.watch import GuessFailed
 
 
 def _impact_times(height, e, g, count):
@@ -49,6 +50,19 @@ def test_the_plot_shows_data_residuals_and_loss(near):
     assert sum(line.get_linestyle() == "--" for line in above.lines) == 5
 
 
+def test_a_file_holds_the_fit_as_a_data_set(near, tmp_path):
+    """Assert that what `save` writes and `load` reads has the numbers of the result, by name, and that a notebook shows
+    the report."""
+    near.save(tmp_path / "fit.nc")
+    dataset = load(tmp_path / "fit.nc")
+    low, high = near.intervals()["distance"]
+    np.testing.assert_array_equal(dataset.value.sel(parameter="distance"), near.values[near.labels.index("distance")])
+    np.testing.assert_array_equal([dataset[name].sel(parameter="distance") for name in ("low", "high")], [low, high])
+    np.testing.assert_array_equal(dataset.residual, near.residuals)
+    assert dataset.attrs["stopped"] == "converged" and dataset.loss.size == len(near.history)
+    assert "95 % interval" in near._repr_html_()
+
+
 def test_a_fit_goes_on_from_an_earlier_one(record, near):
     """Assert that a fit stopped by its callback, and resumed, ends where the uninterrupted one ends."""
     first = fit(ElasticStop(**NEAR), record, callback=lambda line: line.number >= 2, **STOP)
@@ -69,6 +83,7 @@ def test_an_interrupted_fit_keeps_its_best_point(record):
     assert result.loss == min(line.loss for line in result.history) < result.history[0].loss
 
 
+@pytest.mark.slow
 def test_event_times_alone_give_height_and_restitution():
     """Assert that exact impact times of a dropped ball give its height and restitution, and dt/d(height) = t / (2
     height)."""
@@ -82,6 +97,7 @@ def test_event_times_alone_give_height_and_restitution():
     np.testing.assert_allclose(result.jacobian[:, 0] * 1e-3, times / (2 * height), rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", [None, 1, 3])
 def test_an_impact_that_was_not_seen_keeps_its_number(lost):
     """Assert that of four impacts one may be missing, the last one too."""
@@ -95,6 +111,7 @@ def test_an_impact_that_was_not_seen_keeps_its_number(lost):
     np.testing.assert_array_equal(np.isnan(result.event_residuals), np.isnan(times))
 
 
+@pytest.mark.slow
 def test_an_impact_later_than_the_last_measured_one_is_compared_with_it():
     """Assert that motions go on for long enough by themselves: were the guess's only impact cut off, nothing would be
     left that depends on the height."""
@@ -104,6 +121,7 @@ def test_an_impact_later_than_the_last_measured_one_is_compared_with_it():
     np.testing.assert_allclose(result.values, [1.3], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_measured_impact_that_the_motion_lacks_is_named():
     """Assert that a second impact at a time when no ball of that height can have one is reported as missing."""
     data = measurements(event_times=[_impact_times(1.0, 0.5, 9.81, 1)[0], 0.6], event_sigma=1e-3)
@@ -112,6 +130,7 @@ def test_a_measured_impact_that_the_motion_lacks_is_named():
     assert "measured event 1 (at 0.6 s) is not in the fitted motion" in str(result)
 
 
+@pytest.mark.slow
 def test_residuals_that_are_no_noise_are_named():
     """Assert that a ball with drag, fitted without, is reported: neighbouring residuals are alike, and they are larger
     than their sigmas; the report of a model that is right says neither."""
@@ -127,6 +146,7 @@ def test_residuals_that_are_no_noise_are_named():
     assert "alike" not in str(exact)
 
 
+@pytest.mark.slow
 def test_masses_that_no_motion_shows_are_named():
     """Assert that any function of the state can be observed, and that of a ball's mass and weight only the ratio is
     seen:
@@ -141,6 +161,7 @@ def test_masses_that_no_motion_shows_are_named():
     assert abs(direction["mass"] - direction["weight"]) < 1e-6
 
 
+@pytest.mark.slow
 def test_trial_points_that_fail_are_never_taken():
     """Assert that steps to an impossible restitution are rejected, counted and explained, and the best point has a
     motion."""
@@ -164,7 +185,7 @@ def test_times_outside_the_horizon_and_unknown_columns_are_refused():
     """Assert that both are named before anything is compiled."""
     with pytest.raises(ValueError, match="must lie in the horizon"):
         fit(BouncingBall(), measurements([0.1, 2.0], [1.0, 1.0]), t1=1.0)
-    with pytest.raises(ValueError, match="columns must be named q0 ... q0 or v0 ... v0"):
+    with pytest.raises(ValueError, match="columns must be named after the state, q0 ... v0"):
         fit(BouncingBall(), measurements([0.1], [1.0], names=["height"]))
 
 

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from hybridsens.estimation import acceleration, least_squares
+from hybridsens.estimation.descend import Room, descend
+from hybridsens.estimation.optimizers import method
+from hybridsens.estimation.problem import Trial
 from hybridsens.status import Status
-from hybridsens.study.fit import acceleration, least_squares
-from hybridsens.study.fit.descend import Room, descend
-from hybridsens.study.fit.optimizers import method
-from hybridsens.study.fit.problem import Trial
 
 
 class Valley:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hybridsens.study.fit import measurements, read_measurements
+from hybridsens.estimation import measurements, read_measurements
 
 TIMES = np.array([0.1, 0.2, 0.4])
 VALUES = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
@@ -70,7 +70,7 @@ def test_unknown_columns_and_words_are_refused(tmp_path):
     path = _write(tmp_path, "t,q0\n0.1,1\n0.2,two\n")
     with pytest.raises(ValueError, match="row 1 .counted from 0., column 'q0' must be a number, but is 'two'"):
         read_measurements(path)
-    with pytest.raises(ValueError, match=r"must have the columns \['force'\]"):
+    with pytest.raises(ValueError, match=r"must have the columns \['force'\], but has \['t', 'q0'\].$"):
         read_measurements({"t": TIMES, "q0": VALUES[:, 0]}, columns=["force"])
     with pytest.raises(ValueError, match="`event_sigma` must be given"):
         measurements(event_times=[1.0, 2.0])
@@ -98,3 +98,41 @@ def test_values_by_name_are_sent_to_the_right_function():
     """Assert that a mapping where an array belongs is refused with the way out."""
     with pytest.raises(ValueError, match="read_measurements"):
         measurements([0.1, 0.2], {"q0": [1.0, 2.0]})
+
+
+def test_two_columns_of_one_name_are_refused(tmp_path):
+    """Assert that a CSV file, a DataFrame and a Dataset in which one column would hide another are refused by name."""
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    path = _write(tmp_path, "t,q0, q0\n0.1,1,2\n")
+    with pytest.raises(ValueError, match="record.csv must have columns of different names, but has 2 columns 'q0'"):
+        read_measurements(path)
+    with pytest.raises(ValueError, match="The table must have columns of different names, but has 2 columns 'q0'"):
+        read_measurements(pandas.DataFrame([[0.1, 1.0, 2.0]], columns=["t", "q0", "q0"]))
+    numbered = xarray.Dataset({"q": (("t", "dof"), VALUES), "q0": ("t", TIMES)}, {"t": TIMES})
+    with pytest.raises(ValueError, match="The Dataset must have columns of different names, but has 2 columns 'q0'"):
+        read_measurements(numbered)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("t,q0,größe\n0.1,1,2\n".encode("latin-1"), "record.csv must be a text file in UTF-8, .* LATIN1.*iconv"),
+        ("t,q0\n0.1,1\n".encode("utf-16"), "record.csv must be a text file in UTF-8, .* iconv -f UTF-16"),
+        ("t,q0\n0.1,1\n".encode("utf-16-le"), "record.csv must be a text file in UTF-8, but has zero bytes"),
+        (b"t;q0\n0,1;1,5\n", "record.csv must have commas between its columns, but has semicolons: 't;q0'"),
+        (b"t\tq0\n0.1\t1\n", "record.csv must have commas between its columns, but has tabs"),
+    ],
+)
+def test_a_file_in_another_format_is_named_with_the_way_out(tmp_path, content, message):
+    """Assert that another encoding and another separator are errors that name the file and what to do."""
+    path = tmp_path / "record.csv"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=message) as refused:
+        read_measurements(path)
+    assert not isinstance(refused.value, UnicodeDecodeError)
+
+
+def test_a_folder_is_no_record(tmp_path):
+    """Assert that a folder given as data is an error that says so."""
+    with pytest.raises(ValueError, match="must be the path of a CSV file, but .* is a folder"):
+        read_measurements(tmp_path)

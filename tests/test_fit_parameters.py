@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from hybridsens.estimation.parameters import select
+from hybridsens.estimation.uncertainty import half_width, uncertainty
+from hybridsens.parameters import parameter_places
 from hybridsens.scenes import ElasticStop
-from hybridsens.study.fit.parameters import parameter_names, select
-from hybridsens.study.fit.uncertainty import half_width, uncertainty
 
 
 class Nested(eqx.Module):
@@ -20,11 +21,16 @@ class Nested(eqx.Module):
 def test_names_reach_nested_fields_and_array_entries():
     """Assert that a nested field is called by its path and an array's entries by their index."""
     scene = Nested(ElasticStop(), jnp.array([1.0, 2.0]))
-    assert {"arm.stiffness", "lengths"} <= set(parameter_names(scene))
+    assert {"arm.stiffness", "lengths"} <= set(parameter_places(scene))
     selection = select(scene, ["lengths", "arm.mass"])
     assert selection.labels == ("lengths[0]", "lengths[1]", "arm.mass")
     moved = selection.insert(scene, jnp.array([3.0, 4.0, 5.0]))
     assert moved.lengths.tolist() == [3.0, 4.0] and float(moved.arm.mass) == 5.0
+
+
+def test_a_string_is_one_name():
+    """Assert that a name given as a string selects that parameter, and not its letters."""
+    assert select(ElasticStop(), "mass").labels == ("mass",)
 
 
 @pytest.mark.parametrize("bound", [None, "positive", (0.5, 2.0), (None, 1.5), (-1.0, None)])
@@ -44,7 +50,7 @@ def test_bounds_hold_for_every_unknown(bound):
 @pytest.mark.parametrize(
     ("parameters", "bounds", "message"),
     [
-        (["stifness"], None, r"must have names among .*'stiffness'.* but has \['stifness'\]"),
+        (["stifness"], None, r"must have names among .*'stiffness'.* but has \['stifness'\]. Did you mean 'stiff"),
         (["mass", "mass"], None, "each name once"),
         (["mass"], {"mass": (2.0, 3.0)}, "must lie strictly inside"),
         (["mass"], {"mass": (3.0, 2.0)}, "lo < hi"),

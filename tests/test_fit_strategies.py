@@ -7,11 +7,11 @@ import pytest
 from stop_record import FAR, NEAR, STOP, TRUTH, stop_record
 
 from hybridsens.adjoint.methods import Replay
+from hybridsens.estimation import GrowingHorizon, fit, measurements, prepare
+from hybridsens.estimation.horizon import Stage
+from hybridsens.estimation.motions import Numerics
+from hybridsens.estimation.problem import predict
 from hybridsens.scenes import BouncingBall, ElasticStop
-from hybridsens.study.fit import GrowingHorizon, MultipleShooting, fit, measurements, prepare
-from hybridsens.study.fit.horizon import Stage
-from hybridsens.study.fit.problem import Numerics, predict
-from hybridsens.study.fit.window_starts import edges_away_from_kinks, parabolas
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +26,7 @@ def near(record):
     return fit(ElasticStop(**NEAR), record, **STOP)
 
 
+@pytest.mark.slow
 def test_a_growing_horizon_comes_home_from_a_guess_that_loses_the_phase(record, near):
     """Assert that a guess 30 % off ends at the same minimum by growing, in 15 iterations, notices new impacts, and
     directly ends elsewhere."""
@@ -36,6 +37,7 @@ def test_a_growing_horizon_comes_home_from_a_guess_that_loses_the_phase(record, 
     assert fit(ElasticStop(**FAR), record, max_iterations=30, **STOP).loss > 10 * grown.loss
 
 
+@pytest.mark.slow
 def test_a_grown_fit_that_was_cut_short_goes_on_without_stages(record, near):
     """Assert that a result with room for two iterations of the whole problem can be resumed by the plain optimizer."""
     short = fit(ElasticStop(**FAR), record, strategy=GrowingHorizon(), max_iterations=2, **STOP)
@@ -86,29 +88,6 @@ def test_a_stage_compares_and_counts_only_what_comes_before_its_end():
     assert np.sum(np.abs(problem.residuals(z, Replay())[0]) > 0.05) == 9
 
 
-def test_windows_tied_together_end_at_the_same_minimum(record, near):
-    """Assert that multiple shooting goes home too, and that its last windows, a little freer than one motion, fit a
-    little better than it."""
-    shooting = MultipleShooting(windows=3, continuity=(1.0, 10.0))
-    found = fit(ElasticStop(**NEAR), record, strategy=shooting, **STOP)
-    np.testing.assert_allclose(found.values, near.values, rtol=1e-3)
-    windows = [line.loss for line in found.history if line.stage == "continuity 10" and line.accepted]
-    assert 0.9 * near.loss < windows[-1] < near.loss * (1 + 1e-3)
-
-
-def test_windows_begin_away_from_impacts(record, near):
-    """Assert that no window begins within two samples of an impact of the fitted motion, for any number of windows,
-    and that the velocities read off the record there are the motion's."""
-    problem = prepare.problem(near.scene, record, Numerics(1e-8, 1e-8, 64, 1024), parameters=["distance"])
-    impacts = np.asarray(near.trajectory.events.time)[:5]
-    for windows in (2, 4, 8):
-        edges = edges_away_from_kinks(problem, windows)
-        assert edges.shape == (windows - 1,) and np.all(np.diff(edges) > 0)
-        assert np.min(np.abs(record.times[edges][:, None] - impacts)) > 0.2
-        slopes = parabolas(problem, 0).slope[edges]
-        np.testing.assert_allclose(slopes, np.asarray(near.trajectory.v)[edges, 0], atol=0.2)
-
-
 def _after_first_impact(times):
     """Height of a ball dropped from 1 m after its first impact, e = 0.5, before its third."""
     fall, rebound = np.sqrt(2 / 9.81), 0.5 * np.sqrt(2 * 9.81)
@@ -118,7 +97,10 @@ def _after_first_impact(times):
     return np.where(since < 0, first, 0.5 * rebound * since - 9.81 * since**2 / 2)
 
 
-@pytest.mark.parametrize(("optimizer", "iterations", "excess"), [("lbfgs", 60, 1e-6), ("adam", 100, 1e-2)])
+@pytest.mark.parametrize(
+    ("optimizer", "iterations", "excess"),
+    [pytest.param("lbfgs", 60, 1e-6, marks=pytest.mark.slow), pytest.param("adam", 100, 1e-2, marks=pytest.mark.slow)],
+)
 def test_optax_optimizers_reach_the_minimum_of_levenberg_marquardt(record, near, optimizer, iterations, excess):
     """Assert that L-BFGS and Adam, on the adjoint's gradient, fall from a loss ten times as large to that minimum."""
     found = fit(ElasticStop(**NEAR), record, optimizer=optimizer, max_iterations=iterations, **STOP)

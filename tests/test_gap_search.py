@@ -53,6 +53,8 @@ class Pulse(Thrown):
 class Table(Thrown):
     """Ground by a table: a roof at the origin, of width and height p."""
 
+    known_discontinuities = True
+
     def gap(self, t, q):
         roof = jnp.interp(q[0], jnp.stack([-self.p[0], 0 * self.p[0], self.p[0]]), jnp.stack([0.0, 1.0, 0.0]))
         return (q[1] + 1 - (1 + self.p[1]) * roof)[None]

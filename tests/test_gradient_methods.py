@@ -12,11 +12,11 @@ from jaxtyping import Array
 
 import hybridsens as hs
 from benchmarks import our_problems
-from hybridsens.study.compare import compare, relative_error
-from hybridsens.study.differentiate import value_and_gradient
-from hybridsens.study.flat_parameters import flatten_parameters
-from hybridsens.study.functional import functional
-from hybridsens.study.gradient_methods import DEFAULT_ADJOINTS, adjoint_name, at_tolerance, our_methods
+from hybridsens.comparison.compare import compare, relative_error
+from hybridsens.comparison.differentiate import value_and_gradient
+from hybridsens.comparison.functional import functional
+from hybridsens.comparison.gradient_methods import DEFAULT_ADJOINTS, adjoint_name, at_tolerance, our_methods
+from hybridsens.parameters import flatten_parameters
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +45,10 @@ def test_every_method_is_in_a_comparison_and_right_to_1e_7(gradients):
 
 
 def test_discrete_methods_share_one_gradient_and_the_continuous_ones_do_not(gradients):
-    """Replay, forward sensitivities and Diffrax's adjoint agree to rounding; the costate is off by its tolerance."""
+    """Replay and Diffrax's adjoint agree to rounding, forward sensitivities but for the steps that either cuts; the
+    costate is off by its tolerance."""
     far = {method: relative_error(gradient, gradients["Replay"]) for method, gradient in gradients.items()}
-    assert far["ForwardSensitivities"] < 1e-12 and far["DiffraxAdjoint"] < 1e-12
+    assert far["ForwardSensitivities"] < 5e-9 and far["DiffraxAdjoint"] < 1e-12
     for method in ("ContinuousCostate", "ContinuousCostate(state='backward')"):
         assert 1e-12 < far[method] < 1e-7
 
@@ -82,6 +83,7 @@ class Damped(hs.AbstractScene):
         return jnp.zeros(1)
 
 
+@pytest.mark.slow
 def test_a_state_that_cannot_be_integrated_backward_is_warned_of():
     """An implicit solver takes steps of many times 1/c: backward, errors grow by e^(c h). With c = 1 all is well.
 

@@ -7,12 +7,15 @@ import pytest
 from closeness import assert_close
 
 import hybridsens as hs
-from hybridsens.solve import Inputs, Method, Setting, solve
+from hybridsens.differentiable import differentiable_motion
+from hybridsens.flat_system import AbstractFlatSystem, Decision
+from hybridsens.forward.method import Method
+from hybridsens.passes import Options, Problem
 
 WITHIN = 1e-9
 
 
-class Thermostat(hs.AbstractHybridSystem):
+class Thermostat(AbstractFlatSystem):
     """x' = a (outside - x) + heat while the heater is on; it switches at `low` and `high`.
 
     The mode says whether the heater is on.
@@ -28,13 +31,13 @@ class Thermostat(hs.AbstractHybridSystem):
         return jnp.where(mode, self.p[4] - x, x - self.p[3])
 
     def decide(self, event, t, x, mode):
-        return hs.Decision(~mode, jnp.array(0))
+        return Decision(~mode, jnp.array(0))
 
     def reset(self, decision, t, x):
         return x, ()
 
 
-class SwitchedOscillator(hs.AbstractHybridSystem):
+class SwitchedOscillator(AbstractFlatSystem):
     """x'' = -w^2 x with w1 to the right of 0 and w2 to the left; crossing 0 multiplies the velocity by rho.
 
     The mode says whether x < 0. What a crossing emits is the energy that it takes.
@@ -50,7 +53,7 @@ class SwitchedOscillator(hs.AbstractHybridSystem):
         return jnp.where(mode, -x[:1], x[:1])
 
     def decide(self, event, t, x, mode):
-        return hs.Decision(~mode, jnp.array(0))
+        return Decision(~mode, jnp.array(0))
 
     def reset(self, decision, t, x):
         rho = self.p[2]
@@ -59,8 +62,8 @@ class SwitchedOscillator(hs.AbstractHybridSystem):
 
 def run(system, x0, mode, t1, adjoint):
     method = Method(diffrax.Tsit5(), 1e-12, 1e-12, 8, 2000)
-    inputs = Inputs(system, x0, jnp.array(0.0), jnp.asarray(t1), None)
-    return solve(inputs, Setting(jnp.array(mode), hs.Status.running, method), adjoint)
+    inputs = Problem(system, x0, jnp.array(0.0), jnp.asarray(t1), None)
+    return differentiable_motion(inputs, Options(jnp.array(mode), hs.Status.running, method), adjoint)
 
 
 def jacobian(function, adjoint):

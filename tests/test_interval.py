@@ -26,6 +26,7 @@ FUNCTIONS = {
     "kinks": lambda x, y: jnp.abs(x) + jnp.maximum(x, y) - jnp.minimum(2 * x, 1.0) + jnp.clip(y, -0.5, 0.5),
     "cases": lambda x, y: jnp.where(x > y, x - y, jnp.where((x < 0) & ~(y <= 0), 1.0, x * y)),
     "jumps": lambda x, y: jnp.sign(x) + jnp.floor(3 * y) + (x >= 0.5) * y,
+    "integers": lambda x, y: x - jnp.where(x > y, 0, 1),
     "products": lambda x, y: jnp.stack([x, y]) @ (MATRIX @ jnp.stack([x * y, jnp.cos(y)])) + jnp.dot(x[None], x[None]),
     "shapes": lambda x, y: jnp.cumsum(jnp.concatenate([x[None], MATRIX[1] * y]))[::-1].reshape(3, 1).T.sum(),
 }

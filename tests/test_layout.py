@@ -8,29 +8,47 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "hybridsens"
-FRONT = {"status", "simulate", "solve", "trajectory", "batching", "packed", "one_kernel", "traced_once"}
-BELOW = {"hybrid", "interval", "mechanics", "forward", "adjoint", "configure", "precision", "scenes"} | FRONT
+METHOD = {"forward", "adjoint", "reported", "passes", "differentiable"}
+FRONT = {"delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings"}
+BASE = {"validation", "numerics", "status"}
+TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters"}
+CORE = BASE | METHOD | FRONT | TOOLS | {"xla", "flat_system", "interval", "search", "mechanics"}
 MAY_IMPORT = {
     "status": set(),
-    "short": set(),
-    "hybrid": {"status"},
+    "numerics": set(),
+    "validation": set(),
     "configure": set(),
-    "precision": set(),
-    "batching": set(),
-    "packed": set(),
-    "one_kernel": {"packed"},
+    "xla": {"flat_system"},
     "interval": set(),
-    "mechanics": {"hybrid", "interval", "precision", "status", "short"},
-    "forward": {"hybrid", "precision", "status", "short"},
-    "adjoint": {"hybrid", "forward", "precision"},
-    "traced_once": {"hybrid"},
-    "solve": {"hybrid", "forward", "adjoint", "precision", "status"} | FRONT - {"simulate", "trajectory"},
-    "trajectory": {"mechanics", "status"},
-    "simulate": {"hybrid", "mechanics", "forward", "adjoint", "precision"} | FRONT,
+    "flat_system": {"status"},
+    "search": {"flat_system", "interval", "numerics"},
+    "forward": {"flat_system", "numerics", "status"},
+    "adjoint": {"flat_system", "forward", "xla", "numerics"},
+    "reported": {"forward", "flat_system", "status"},
+    "passes": {"flat_system", "forward", "adjoint", "reported", "status"},
+    "differentiable": {"passes", "reported", "adjoint", "validation", "xla"},
+    "export": {"status"},
+    "mechanics": {"flat_system", "interval", "search", "outcome", "export"} | BASE,
+    "saved": {"export", "mechanics", "outcome", "status"},
+    "system": set(),
+    "system_checks": {"system"} | BASE,
+    "delays": set(),
+    "flattened": {"delays", "status", "system", "system_checks", "flat_system", "numerics", "interval", "search"},
+    "solution": {"outcome", "status", "export"},
+    "settings": {"forward", "adjoint"} | BASE,
+    "outcome": {"status"},
+    "solve": FRONT - {"simulate"} | METHOD | BASE,
+    "simulate": {"mechanics"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
     "scenes": {"mechanics"},
-    "study": BELOW,
-    "commands": BELOW | {"study"},
-    "__init__": BELOW,
+    "systems": {"system"},
+    "planar": set(),
+    "plot": {"mechanics", "export", "solution"},
+    "parameters": {"validation"},
+    "comparison": CORE,
+    "estimation": CORE,
+    "sweeps": CORE,
+    "cli": CORE | {"comparison", "estimation", "sweeps"},
+    "__init__": CORE | {"comparison", "estimation", "sweeps", "saved"},
 }
 """Part of the package -> parts that it may import, itself apart."""
 
@@ -71,7 +89,7 @@ def _part(name: str) -> str:
 
 @pytest.mark.parametrize("path", MODULES, ids=_name)
 def test_a_file_imports_only_from_floors_above_it(path):
-    """Physics and method meet in one small interface, and nothing below `study` knows `study`."""
+    """Physics and method meet in one small interface, and neither knows what is studied with them."""
     part = _part(_name(path))
     forbidden = {name for name in _imports(path) if _part(name) not in MAY_IMPORT[part] | {part}}
     assert not forbidden
@@ -90,3 +108,12 @@ def test_files_are_small_and_have_a_subject():
     assert files
     assert [path for path in files if len(path.read_text().splitlines()) > 250] == []
     assert [path for path in files if path.stem in {"utils", "helpers", "misc", "common"}] == []
+
+
+def test_every_test_and_every_benchmark_is_in_its_index():
+    """A page leads from a claim to its test, another from a question to its benchmark."""
+    told = (ROOT / "tests" / "README.md").read_text()
+    assert [path.stem for path in (ROOT / "tests").glob("test_*.py") if f"`{path.stem}`" not in told] == []
+    told = (ROOT / "benchmarks" / "README.md").read_text()
+    files = [path for path in (ROOT / "benchmarks").rglob("*.py") if path.parent.name != "peers"]
+    assert [path.stem for path in files if path.stem not in told and not path.stem.startswith("_")] == []

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from hybridsens.comparison.finite_differences import finite_differences
+from hybridsens.comparison.naive import naive_motion
 from hybridsens.scenes import BouncingBall
-from hybridsens.study.differences import differences
-from hybridsens.study.naive import naive_motion
 
 T1 = 1.0
 
@@ -42,14 +42,14 @@ def test_naive_running_cost_is_the_integral():
 def test_differences_are_of_fourth_order_and_know_where_they_are_one_sided():
     """The slopes of sin inside its domain, and of x^3 at either end of one, are met to rounding over width."""
     function = lambda theta: np.sin(theta[0]) + np.where(theta[1] > 1, np.nan, theta[1] ** 3)
-    slopes, one_sided = differences(function, np.array([0.7, 1.0]))
+    slopes, one_sided = finite_differences(function, np.array([0.7, 1.0]))
     np.testing.assert_allclose(slopes, [np.cos(0.7), 3.0], rtol=1e-10)
     assert one_sided.tolist() == [False, True]
-    mirrored, _ = differences(lambda theta: function(np.array([0.0, -theta[0]])), np.array([-1.0]))
+    mirrored, _ = finite_differences(lambda theta: function(np.array([0.0, -theta[0]])), np.array([-1.0]))
     np.testing.assert_allclose(mirrored, [-3.0], rtol=1e-10)
 
 
 def test_differences_do_not_hide_a_function_without_values():
     """Where no side has values, the result is nan and not a number that looks right."""
-    slopes, _ = differences(lambda theta: np.nan, np.ones(1))
+    slopes, _ = finite_differences(lambda theta: np.nan, np.ones(1))
     assert np.isnan(slopes).all()

@@ -17,6 +17,7 @@ BALL = ROOT / "notebooks" / "dropped_ball.py"
 OTHERS = sorted(path for path in STORY.parent.glob("*.py") if path not in (STORY, BALL))
 
 
+@pytest.mark.slow
 def test_naive_gradients_tells_a_true_story(monkeypatch, tmp_path):
     """The naive derivative of one bounce is 1, the exact one is not; on the stop only ours improves with the step."""
     monkeypatch.setenv("HYBRIDSENS_NOTEBOOKS_SMALL", "1")
@@ -32,6 +33,7 @@ def test_naive_gradients_tells_a_true_story(monkeypatch, tmp_path):
     assert (tmp_path / "naive_gradients.png").stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_a_real_ball_bounces_as_its_parabolas_say(monkeypatch):
     """Restitution and the first impact of the measured ball, by parabolas through its two flights; the second impact,
     which was not fitted, comes within 8 ms; and the report says that the residuals are no noise."""
@@ -50,7 +52,11 @@ def test_a_real_ball_bounces_as_its_parabolas_say(monkeypatch):
     assert result.residual_correlation["z"] > 0.7 and "alike from sample to sample" in str(result)
 
 
-@pytest.mark.parametrize("notebook", OTHERS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "notebook",
+    [pytest.param(path, marks=pytest.mark.slow) if path.stem == "parameter_maps" else path for path in OTHERS],
+    ids=lambda path: path.stem,
+)
 def test_notebook_runs(notebook, tmp_path):
     """In a process of its own, as a reader runs it, with small settings."""
     cache = str(ROOT / ".jax_cache")

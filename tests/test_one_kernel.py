@@ -10,8 +10,8 @@ import pytest
 from closeness import assert_close
 
 import hybridsens as hs
-from hybridsens.one_kernel import in_one_kernel
-from hybridsens.packed import pack
+from hybridsens.xla.packed import pack
+from hybridsens.xla.single_kernel import in_one_kernel
 
 LARGE = 10_000
 
@@ -60,6 +60,7 @@ def test_a_function_in_one_kernel_returns_the_same(size):
     assert_same(packed, pack(packed.unpack()))  # with nothing left of the arguments' room
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", [300, 6_000, 30_000])
 def test_forward_mode_agrees_with_the_kernel_whatever_the_room(room):
     """Records that are packed, records that stand alone, records too long for a kernel."""

@@ -7,9 +7,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from hybridsens import Events, State, Status, Trajectory
+from hybridsens.outcome import Steps
+from hybridsens.plot import plot_gradients, plot_trajectory
 from hybridsens.scenes import BouncingBall
-from hybridsens.study.plot import plot_gradients, plot_trajectory
-from hybridsens.trajectory import Steps
 
 RELEASED = 0.4
 
@@ -20,7 +20,7 @@ def _lifted_ball(ts) -> Trajectory:
     at_release = State(jnp.zeros((1, 1)), jnp.zeros((1, 1)))
     events = Events(
         jnp.array([RELEASED]), jnp.array([2]), jnp.array([0]), at_release, at_release, jnp.zeros((1, 1)), jnp.zeros(1),
-        jnp.array(1),
+        jnp.array([False]), jnp.array(1),
     )  # fmt: skip
     steps = Steps(jnp.array(10), jnp.array(0))
     q, v = (flight**2)[:, None], (2 * flight)[:, None]
@@ -45,8 +45,9 @@ def test_an_impact_is_drawn_as_a_jump():
     trajectory = _lifted_ball(jnp.linspace(0, 1, 5))
     before, after = State([[0.0]], [[-3.0]]), State([[0.0]], [[2.0]])
     events = Events(
-        jnp.array([0.5]), jnp.array([0]), jnp.array([0]), before, after, jnp.ones((1, 1)), jnp.ones(1), jnp.array(1)
-    )
+        jnp.array([0.5]), jnp.array([0]), jnp.array([0]), before, after, jnp.ones((1, 1)), jnp.ones(1),
+        jnp.array([False]), jnp.array(1),
+    )  # fmt: skip
     trajectory = eqx.tree_at(lambda motion: motion.events, trajectory, events)
     line = plot_trajectory(BouncingBall(), trajectory).axes[1].lines[0]
     at_event = line.get_ydata()[line.get_xdata() == 0.5]

@@ -42,6 +42,7 @@ def test_the_gradient_is_that_of_the_recorded_steps(gradients):
     assert_close(again, kept, 1e-14)
 
 
+@pytest.mark.slow
 def test_a_release_is_recomputed_too():
     """Sustained contact and release on the cylinder, then the impacts on the floor."""
 
@@ -54,6 +55,7 @@ def test_a_release_is_recomputed_too():
     assert_close(again, kept, 1e-14)
 
 
+@pytest.mark.slow
 def test_a_batch_is_right_lane_by_lane(gradients):
     """Under `jax.vmap`, lanes with different numbers of events."""
     points = P * jnp.array([[1.0, 1.0, 1.0, 0.4], [1.0, 1.0, 1.0, 0.8], [0.7, 1.1, 0.5, 1.0]])

@@ -12,8 +12,8 @@ import xarray as xr
 
 import hybridsens
 from hybridsens.scenes import BouncingBall
-from hybridsens.study.sweep import engine as engine_module
-from hybridsens.study.sweep import grid, random, status_counts, sweep
+from hybridsens.sweeps import engine as engine_module
+from hybridsens.sweeps import grid, random, status_counts, sweep
 
 HEIGHTS, RESTITUTIONS, G, T = np.linspace(1.0, 8.0, 8), np.linspace(0.7, 0.9, 3), 9.81, 1.0
 
@@ -153,7 +153,7 @@ import hybridsens
 hybridsens.configure(host_devices=2)
 import jax, numpy as np
 from hybridsens.scenes import ElasticStop
-from hybridsens.study.sweep import random, sweep
+from hybridsens.sweeps import random, sweep
 def cost(stop):
     trajectory = hybridsens.simulate(stop, stop.initial_state(), t1=20.0, max_events=16, max_steps=512, throw=False)
     return trajectory.final.v[0], trajectory
@@ -164,6 +164,7 @@ assert all(np.array_equal(one[name], two[name], equal_nan=True) for name in one.
 """
 
 
+@pytest.mark.slow
 def test_two_devices_give_the_same_bits_as_one():
     """Assert that a sweep over both devices of a process is that over one, to the last bit."""
     subprocess.run([sys.executable, "-c", TWO_DEVICES], check=True, timeout=300)
@@ -176,7 +177,7 @@ def test_two_devices_give_the_same_bits_as_one():
         (
             lambda d: sweep(lambda s: (s["a"], s["a"]), d, progress=False),
             TypeError,
-            r"must return J or \(J, trajectory\)",
+            r"must return J, or \(J, motion\)",
         ),
         (lambda d: sweep(lambda s: s["a"], d, states=True), ValueError, "With states=True the cost must"),
         (lambda d: sweep(lambda s: s["a"], d, gradient=["b"]), ValueError, "must have names among a"),

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hybridsens.study.sweep import grid, sweep
+from hybridsens.sweeps import grid, sweep
 
 distributed = pytest.importorskip("dask.distributed")
 pytestmark = pytest.mark.filterwarnings("ignore")  # dask warns about ports and slow imports of its workers

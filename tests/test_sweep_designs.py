@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hybridsens.parameters import replace
 from hybridsens.scenes import BouncingBall
-from hybridsens.study.sweep import batch, grid, latin_hypercube, random, saltelli, sobol
-from hybridsens.study.sweep.parameters import replace
-from hybridsens.study.sweep.tiles import points_in, tile_shape, tiles
+from hybridsens.sweeps import batch, grid, latin_hypercube, random, saltelli, sobol
+from hybridsens.sweeps.tiles import points_in, tile_shape, tiles
 
 BOX = {"height": (1.0, 3.0), "weight": (5.0, 10.0)}
 
@@ -90,7 +90,8 @@ def test_a_batch_keeps_every_leaf_of_its_scenes():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda scene: grid(scene, {"hight": [1.0]}), "must have one of the names"),
+        (lambda scene: grid(scene, {"hight": [1.0]}), "must have one of the names .* Did you mean 'height'"),
+        (lambda scene: grid(scene, {"wieght": [1.0]}), "must have one of the names .* Did you mean 'weight'"),
         (lambda scene: grid(scene, {"height": []}), "must be a list of finite numbers"),
         (lambda scene: grid(scene, {"height[0]": [1.0]}), "must be named without an index"),
         (lambda scene: grid({"mass": jnp.ones(2)}, {"mass": [1.0]}), "must be named one by one"),

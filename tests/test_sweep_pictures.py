@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 import hybridsens
 from hybridsens.scenes import ElasticStop
-from hybridsens.study.sweep import grid, plot_bifurcation, plot_sweep, sweep
-from hybridsens.study.sweep.plot import border_lines
+from hybridsens.sweeps import grid, plot_bifurcation, plot_sweep, sweep
+from hybridsens.sweeps.plot import border_lines
 
 
 def test_borders_lie_between_points_with_different_sequences():
@@ -55,9 +55,10 @@ def test_a_bifurcation_diagram_shows_period_one_where_the_motion_repeats():
         plot_bifurcation(found.drop_vars("q"), axes=Figure().subplots())
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_dataset_and_a_picture(tmp_path, capsys):
     """Assert that `hybridsens sweep` gives the same J as the library, says how points ended, and draws the map."""
-    from hybridsens.commands.sweep import sweep as command
+    from hybridsens.cli.sweep import sweep as command
 
     output, picture = tmp_path / "sweep.nc", tmp_path / "map.png"
     vary = ["amplitude=0.5:1.5:3", "frequency=1.2:1.4:2"]
@@ -83,7 +84,7 @@ def test_the_command_explains_a_bad_range(vary, words, tmp_path):
     """Assert that a range that cannot be read is refused in one line."""
     import typer
 
-    from hybridsens.commands.sweep import sweep as command
+    from hybridsens.cli.sweep import sweep as command
 
     with pytest.raises(typer.BadParameter, match=words):
         command("elastic-stop", [vary], tmp_path / "sweep.nc")

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hybridsens.study.sweep import dgsm, grid, saltelli, sobol_indices, sweep
+from hybridsens.sweeps import dgsm, grid, saltelli, sobol_indices, sweep
 
 SCENE = {"x": jnp.zeros(2), "z": jnp.array(0.0)}
 BOX = {name: (-np.pi, np.pi) for name in ("x[0]", "x[1]", "z")}

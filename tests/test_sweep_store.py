@@ -1,5 +1,6 @@
 """A sweep that is killed goes on where it was, and never mixes with another one."""
 
+import contextlib
 import os
 import shutil
 import signal
@@ -7,13 +8,15 @@ import subprocess
 import sys
 import time
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 import zarr
 
-from hybridsens.study.sweep import grid, random, sweep
+from hybridsens.sweeps import grid, random, sweep
 
 SCENE = {"a": jnp.array(1.0), "b": jnp.array(2.0)}
 TILES = 40
@@ -23,7 +26,7 @@ import sys, numpy as np, xarray as xr
 import hybridsens
 hybridsens.configure()
 import jax.numpy as jnp
-from hybridsens.study.sweep import grid, sweep
+from hybridsens.sweeps import grid, sweep
 axis = np.linspace(0.0, 1.0, 40)
 design = grid({"a": jnp.array(1.0), "b": jnp.array(2.0)}, {"a": axis, "b": axis})
 swept = lambda store: sweep(lambda s: jnp.sin(s["a"]) * s["b"], design, chunk=40, progress=False, store=store)
@@ -97,6 +100,65 @@ def test_a_store_of_something_else_is_refused(swept, tmp_path):
     (tmp_path / "precious/thesis.tex").touch()
     with pytest.raises(ValueError, match="must be a new place"):
         swept([1, 2], "precious")
+
+
+@pytest.mark.parametrize(
+    ("file", "content"), [("zarr.json", b"xx"), ("zarr.json", b""), ("zarr.json", b"[]"), ("status/c/0", b"xx")]
+)
+def test_a_destroyed_store_is_named_with_the_way_out(swept, tmp_path, file, content):
+    """Assert that a store whose metadata or statuses are no longer readable raises with its path and a remedy."""
+    swept([1, 2])
+    (tmp_path / "sweep.zarr" / file).write_bytes(content)
+    with pytest.raises(ValueError, match="sweep.zarr cannot be read: .* Remove it, and the sweep starts anew"):
+        swept([1, 2])
+
+
+@pytest.mark.parametrize("as_arguments", [False, True])
+def test_a_store_knows_the_data_of_its_cost(swept, as_arguments):
+    """Assert that a cost with the same text and other data is another cost, also where JAX makes arguments of them."""
+    with _constants_as_arguments(as_arguments):
+        for number, make in enumerate((_closing_over, _jitted_over, _Weighted)):
+            run = lambda shift: swept([1, 2], f"{number}.zarr", make(jnp.arange(100.0) + shift))  # noqa: B023
+            np.testing.assert_array_equal(run(1).J, [5050, 10100])
+            np.testing.assert_array_equal(run(1).J, [5050, 10100])
+            with pytest.raises(ValueError, match="must be a new place or the store of this very sweep"):
+                run(2)
+
+
+def test_a_store_knows_the_integers_of_its_scenes(tmp_path):
+    """Assert that scenes that differ in a whole number alone, which is no parameter, are other scenes."""
+    run = lambda power: sweep(
+        lambda scene: scene["a"] ** scene["power"],
+        grid(SCENE | {"power": jnp.array(power)}, {"a": [1.0, 2.0]}), store=tmp_path / "s.zarr", progress=False,
+    )  # fmt: skip
+    np.testing.assert_array_equal(run(2).J, [1, 4])
+    with pytest.raises(ValueError, match="must be a new place or the store of this very sweep"):
+        run(3)
+
+
+def _closing_over(weights):
+    return lambda scene: jnp.sum(weights * scene["a"])
+
+
+def _jitted_over(weights):
+    return lambda scene: jnp.sum(jax.jit(lambda a: weights * a)(scene["a"]))
+
+
+class _Weighted(eqx.Module):
+    weights: jax.Array
+
+    def __call__(self, scene):
+        return jnp.sum(self.weights * scene["a"])
+
+
+@contextlib.contextmanager
+def _constants_as_arguments(wanted):
+    before = jax.config.jax_use_simplified_jaxpr_constants
+    jax.config.update("jax_use_simplified_jaxpr_constants", wanted)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_use_simplified_jaxpr_constants", before)
 
 
 def test_a_finished_store_opens_with_plain_xarray(tmp_path):

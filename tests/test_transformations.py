@@ -120,6 +120,28 @@ def test_a_plain_call_compiles_once_too():
     assert trajectory.events.count > 1
 
 
+def test_other_tolerances_do_not_compile_anew():
+    """Python floats as tolerances, longest step and capture speed: one program serves all values, and minds them."""
+    compilations = []
+    count = lambda event, _, **__: compilations.append(event) if "backend_compile" in event else None
+    start, room = hs.State(jnp.ones(1), jnp.zeros(1)), dict(max_events=16, max_steps=400)
+    call = lambda **settings: hs.simulate(Ball(P), start, t1=1.0, **(dict(max_step=1.0) | settings), **room)
+    jax.monitoring.register_event_duration_secs_listener(count)
+    coarse = call(rtol=1e-6, atol=1e-6)
+    compilations.clear()
+    call(rtol=1e-7, atol=1e-9, capture_speed=1e-4)
+    fine = call(max_step=0.01)
+    assert not compilations
+    assert fine.steps.accepted > 90 > coarse.steps.accepted
+
+
+def test_a_gradient_through_a_condition_in_a_batch():
+    """Lanes that JAX lets through both branches: the records of steps that a batch does not keep are not mistaken."""
+    chosen = lambda p: jax.lax.cond(p[2] > 0.5, height, lambda p: p[0], p)
+    gradients = jax.jit(jax.vmap(jax.grad(chosen)))(jnp.stack([P, P.at[2].set(0.4)]))
+    assert_close(gradients, jnp.stack([gradient(P), jnp.array([1.0, 0.0, 0.0])]), 1e-12)
+
+
 @pytest.mark.parametrize(
     "hessian",
     [

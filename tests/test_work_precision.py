@@ -10,14 +10,14 @@ import problems
 import pytest
 
 import hybridsens as hs
-from hybridsens.commands.main import run
+from hybridsens.cli.main import run
+from hybridsens.comparison.compare import Reference
+from hybridsens.comparison.work_precision import Point, WorkPrecision, work_precision
+from hybridsens.comparison.work_precision_file import read_points, write_points
+from hybridsens.comparison.work_precision_plot import plot_work_precision
 from hybridsens.scenes import ElasticStop
-from hybridsens.study.compare import Reference
-from hybridsens.study.work_precision import Point, WorkPrecision, work_precision
-from hybridsens.study.work_precision_file import read_points, write_points
-from hybridsens.study.work_precision_plot import plot_work_precision
 
-work_precision_module = importlib.import_module("hybridsens.study.work_precision")
+work_precision_module = importlib.import_module("hybridsens.comparison.work_precision")
 ROOM = dict(max_events=16, max_steps=2048, progress=False)
 
 
@@ -102,7 +102,7 @@ def test_the_command_writes_points_and_goes_on_with_them(tmp_path, reference, mo
     """Eleven tolerances by one solver and one method; the second run measures nothing and gives the same advice."""
     monkeypatch.setattr(work_precision_module, "tight_reference", lambda *scene: reference)
     picture, points = tmp_path / "picture.png", tmp_path / "points.parquet"
-    asked = ["tradeoff", "elastic-stop", "--no-single", "--solver", "Tsit5", "--method", "ContinuousCostate"]
+    asked = ["work-precision", "elastic-stop", "--no-single", "--solver", "Tsit5", "--method", "ContinuousCostate"]
     asked += ["--output", str(picture), "--points", str(points), "--target", "0.5"]
     monkeypatch.setattr(work_precision_module, "_measure", first := Meter())
     assert run(asked) == 0 and first.count == 11
@@ -111,7 +111,7 @@ def test_the_command_writes_points_and_goes_on_with_them(tmp_path, reference, mo
     monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
     assert run([*asked, "--resume"]) == 0 and second.count == 0
     assert capsys.readouterr().out == printed and picture.read_bytes().startswith(b"\x89PNG")
-    assert run(["tradeoff", "--method", "Guessing"]) != 0
+    assert run(["work-precision", "--method", "Guessing"]) != 0
     assert "there is no gradient method 'Guessing'; choose one of Replay" in capsys.readouterr().err
 
 

@@ -30,7 +30,7 @@ class Row:
 
 def status_name(trajectory) -> str:
     """Name of a trajectory's status, empty for success."""
-    names = ("grazing", "max_events_reached", "max_steps_reached", "contact_stays_closed", "non_finite")
+    names = ("grazing", "max_events_reached", "max_steps_reached", "event_repeats", "non_finite")
     found = [name for name in names if trajectory.status == getattr(hs.Status, name)]
     return "" if trajectory.status == hs.Status.successful else (found or ["another status"])[0]
 

@@ -116,6 +116,23 @@ def _restitution(rng):
     return common if rng.uniform() < 0.75 else rng.choice([0.0, 0.2, 0.5, 0.7], SIZE)
 
 
+def at_rest(given: Draw) -> Draw:
+    """The same scene in equilibrium, its contacts open: a motion that is trivial, with derivatives that are not."""
+    scene, q = given.scene, given.state.q
+    load, offsets = scene.stiffness @ q, scene.offsets + 2
+    scene = eqx.tree_at(lambda s: (s.load, s.offsets, s.shake), scene, (load, offsets, jnp.zeros_like(scene.shake)))
+    return Draw(scene, hs.State(q, jnp.zeros_like(q)))
+
+
+def in_flight(given: Draw) -> Draw:
+    """The same scene without springs, damping and shaking: flights between its impacts."""
+    scene = given.scene
+    still = (jnp.zeros_like(scene.stiffness), jnp.zeros_like(scene.damping), jnp.zeros_like(scene.shake))
+    flat = jnp.zeros_like(scene.curvature)
+    scene = eqx.tree_at(lambda s: (s.stiffness, s.damping, s.shake, s.curvature), scene, (*still, flat))
+    return Draw(eqx.tree_at(lambda s: s.offsets, scene, scene.offsets + 0.1), given.state)
+
+
 @eqx.filter_jit
 def move(scene: RandomScene, state: hs.State) -> hs.Trajectory:
     """The motion, with 201 samples."""
@@ -150,6 +167,13 @@ def load_alone(given: Draw, direction: Draw) -> Draw:
     """Only its part in the load, which takes no closed contact apart."""
     nothing = jax.tree.map(jnp.zeros_like, direction)
     return eqx.tree_at(lambda draw: draw.scene.load, nothing, direction.scene.load)
+
+
+def load_and_state(given: Draw, rng: np.random.Generator) -> Draw:
+    """A direction in the load and in the initial state, also where these are zero."""
+    nothing = jax.tree.map(jnp.zeros_like, given)
+    where = lambda draw: (draw.scene.load, draw.state.q, draw.state.v)
+    return eqx.tree_at(where, nothing, tuple(jnp.asarray(rng.normal(size=SIZE)) for _ in range(3)))
 
 
 def difference_slope(given: Draw, direction: Draw, step: float) -> float | None:

@@ -9,23 +9,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..forward.record import Motion, StepRecord, segment
+from ..forward.record import Motion, segment, segment_end
+from ..xla.packed import pack
+from .control import FORESEEN
 from .jump import Jump, event_row, pull_jump_back
 from .segment_steps import Steps
-from .step_adjoint import StepAdjoint
-
-
-class Cotangents(NamedTuple):
-    """Derivatives of the cost by everything that is reported of a motion; None for events where there is none."""
-
-    final: Float[Array, "state"]
-    """By the final state."""
-    time: Float[Array, "event"] | None
-    before: Float[Array, "event state"] | None
-    after: Float[Array, "event state"] | None
-    emitted: Any
-    grid: tuple[Array, Array] | None
-    """By the recorded grid times and the states there (samples hang on them); None where nothing does."""
+from .steps_back import BackwardPass, Costate, through_steps
 
 
 class Gradient(NamedTuple):
@@ -38,78 +27,81 @@ class Gradient(NamedTuple):
 
 
 def pull_back(
-    parameters,
-    static,
-    carry_back: StepAdjoint,
+    backward: BackwardPass,
     find_steps: Callable[[Motion, Array], Steps],
     motion: Motion,
     start,
     t1,
-    bar: Cotangents,
     moving_ends: tuple[bool, bool],
 ) -> Gradient:
-    """Gradient of a cost with the cotangents `bar`.
+    """Gradient of a cost.
 
-    Between events psi is carried back over the recorded steps, psi' = -f_x^T psi (T7); (T8)-(T10) at the events.
-    `parameters` and `static` are the two halves of the system, `find_steps` gives a segment's steps, `start` is
-    (t0, x0); `moving_ends` says whether t0 and t1 are differentiated by.
+    Between events psi is carried back over the recorded steps, psi' = -f_x^T psi, at data times psi- = psi+ + c_x (T7);
+    (T8)-(T10) at the events. `find_steps` gives a segment's steps, `start` is (t0, x0); `moving_ends` says whether t0
+    and t1 are differentiated by.
     """
-    system = eqx.combine(parameters, static)
-    events = motion.events
-    t1_grid, final_grid = _grid_bar(bar, motion.steps.count)
-    psi = bar.final + final_grid
-    t1_bar = t1_grid + (psi @ system.flow(t1, motion.x, motion.mode) if moving_ends[1] else 0)
-    total = jax.tree.map(jnp.zeros_like, parameters)
+    system = eqx.combine(backward.parameters, backward.static)
+    events, bar = motion.events, backward.bar
+    t1_bar = bar.final @ system.flow(t1, motion.x, motion.mode) if moving_ends[1] else jnp.zeros_like(t1)
+    zero = pack(jax.tree.map(jnp.zeros_like, backward.parameters))
+    data = jnp.array(0) if backward.ts is None else jnp.sum(backward.ts <= motion.t)
+    none = jnp.zeros_like(t1)
+    start_of = lambda foreseen, strict, tries: Costate(
+        bar.final, none, zero, zero, zero, none, foreseen, strict, data, tries
+    )
 
     def one_segment(carry):
-        j, psi, total, _ = carry
-        mode, steps, first, last, trust = find_steps(motion, j)
-        psi = trust * psi
-        psi, total = _through_steps(parameters, static, carry_back, steps, mode, first, last, bar, psi, total)
-        grid_bar = jax.tree.map(lambda g: jnp.where(last > first, g, 0), _grid_bar(bar, first))
-        through = lambda: _through_event(parameters, static, events, j - 1, bar, grid_bar, psi, total)
-        psi, total = lax.cond(j > 0, through, lambda: (psi, total))
-        return j - 1, psi, total, grid_bar
+        j, costate = carry
+        steps = find_steps(motion, j)
+        end = segment_end(motion, j)
+        costate = through_steps(backward, steps, end, costate._replace(psi=steps.valid * costate.psi))
+        costate = lax.cond(j > 0, lambda: _through_event(backward, events, j - 1, costate), lambda: costate)
+        return j - 1, costate
 
-    zero = jax.tree.map(jnp.zeros_like, (t1_grid, final_grid))
-    carry = (events.count, psi, total, zero)
-    _, psi, total, (t0_grid, x0_grid) = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, carry)
-    t0, x0 = start
-    if moving_ends[0]:
-        t0_grid = t0_grid - psi @ system.flow(t0, x0, segment(motion, 0)[0])
-    return Gradient(total, psi + x0_grid, t0_grid, t1_bar)
+    def sweep(carry):
+        number, costate = carry
+        foreseen = jax.tree.map(lambda gathered: (FORESEEN * gathered).astype(gathered.dtype), costate.gathered)
+        start = (events.count, start_of(foreseen, number > 0, costate.tries))
+        return number + 1, lax.while_loop(lambda carry: carry[0] >= 0, one_segment, start)[1]
 
+    def goes_on(carry):
+        # How large an error in dJ/dtheta may be is known when all of it is gathered. If it was too large, once more.
+        number, costate = carry
+        gathered, worst = costate.gathered.unpack(), costate.worst.unpack()
+        ratio = backward.control.of_gradient(backward.parameters, gathered, worst, costate.peak)
+        unresolved = ratio > 1
+        return (number == 0) | ((number == 1) & unresolved)
 
-def _through_steps(parameters, static, carry_back, steps: StepRecord, mode, first, last, bar: Cotangents, psi, total):
-    """Adjoint of the steps first <= k < last of one segment, on their grid."""
-    t, x = steps.t, steps.x
-
-    def body(carry):
-        k, psi, total = carry
-        total_step, psi = carry_back(parameters, static, mode, t[k], t[k + 1], x[k], psi)
-        if bar.grid is not None:
-            psi = psi + jnp.where(k > first, bar.grid[1][k], 0)
-        return k - 1, psi, jax.tree.map(jnp.add, total, total_step)
-
-    _, psi, total = lax.while_loop(lambda carry: carry[0] >= first, body, (last - 1, psi, total))
-    return psi, total
+    _, costate = lax.while_loop(goes_on, sweep, (jnp.array(0), start_of(zero, jnp.array(False), jnp.array(0))))
+    lost = jnp.where(costate.tries < backward.control.most_tries, 0, jnp.nan)  # a wrong gradient must not pass
+    spoilt = lambda tree: jax.tree.map(lambda leaf: leaf + lost.astype(leaf.dtype), tree)
+    costate = costate._replace(psi=spoilt(costate.psi), total=spoilt(costate.total))
+    return _through_start(backward, motion, start, costate, t1_bar, moving_ends[0])
 
 
-def _through_event(parameters, static, events, j, bar: Cotangents, grid_bar, psi, total):
+def _through_start(backward: BackwardPass, motion: Motion, start, costate: Costate, t1_bar, by_t0: bool) -> Gradient:
+    """Adjoint of the beginning, which puts (t0, x0) on the constraints of the mode chosen there."""
+    (t0, x0), (mode, _, _) = start, segment(motion, 0)
+    system = eqx.combine(backward.parameters, backward.static)
+    total, psi, t0_bar = costate.total.unpack(), costate.psi, jnp.zeros_like(t0)
+    if by_t0:
+        t0_bar = -psi @ system.flow(t0, motion.steps.x[0], mode)
+    if system.projects(mode):
+        begin = lambda p, t, x: eqx.combine(p, backward.static).project(t, x, mode)
+        by_projection, by_t, psi = jax.vjp(begin, backward.parameters, t0, x0)[1](psi)
+        total, t0_bar = jax.tree.map(jnp.add, total, by_projection), t0_bar + by_t
+    return Gradient(total, psi, t0_bar, t1_bar)
+
+
+def _through_event(backward: BackwardPass, events, j, costate: Costate) -> Costate:
     """Adjoint jump at event j: psi- = S^T psi+, with what is reported of the event (T8)-(T10)."""
-    event = event_row(events, j)
-    time_grid, after_grid = grid_bar
+    event, bar = event_row(events, j), backward.bar
     entry = lambda given, rows: jnp.zeros_like(rows[0]) if given is None else given[j]
     reported = (bar.time, bar.before, bar.after, bar.emitted)
     recorded = (events.time, events.before, events.after, events.emitted)
     time, before, after, emitted = jax.tree.map(entry, reported, recorded, is_leaf=lambda leaf: leaf is None)
-    cotangent = Jump(psi, time + time_grid, before, after + after_grid, emitted)
-    total_event, psi = pull_jump_back(parameters, static, event, cotangent)
-    return psi, jax.tree.map(jnp.add, total, total_event)
-
-
-def _grid_bar(bar: Cotangents, k):
-    """Cotangents of grid point k: of its time, of its state."""
-    if bar.grid is None:
-        return jnp.zeros_like(bar.final[0]), jnp.zeros_like(bar.final)
-    return bar.grid[0][k], bar.grid[1][k]
+    cotangent = Jump(costate.psi, time, before, after, emitted)
+    total, psi, by_dt = pull_jump_back(backward.parameters, backward.static, event, cotangent, costate.by_dt)
+    total = pack(total)
+    gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, total)
+    return costate._replace(psi=psi, by_dt=by_dt, total=jax.tree.map(jnp.add, costate.total, total), gathered=gathered)

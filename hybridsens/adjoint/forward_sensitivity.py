@@ -11,12 +11,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..forward.explicit import by_mode
-from ..forward.record import Motion, segment, write
-from ..forward.solver import one_step
+from ..forward.record import Motion, StepRecord, after_jump, is_jump, segment, segment_end, write
+from ..forward.solver import step_with_error
 from ..forward.tangent import push
+from ..numerics.tolerances import time_resolution
+from .control import DerivativeControl, of_all_directions
 from .jump import event_row, push_jump_forward
 
 
@@ -28,74 +30,147 @@ class Variation(NamedTuple):
     before: Float[Array, "event state"]
     after: Float[Array, "event state"]
     emitted: Any
-    grid_t: Float[Array, "step"]
-    grid_x: Float[Array, "step state"]
+    steps_t: Float[Array, "step"]
+    steps_x: Float[Array, "step state"]
 
 
-def push_forward(parameters, static, solver: diffrax.AbstractSolver, motion: Motion, start, t1, tangents) -> Variation:
-    """Variation of a motion under `tangents` of (parameters, x0, t0, t1).
+class ForwardPass(NamedTuple):
+    """What the push-forward is made from; constant while it runs."""
+
+    parameters: Any
+    static: Any
+    d_parameters: Any
+    solver: diffrax.AbstractSolver
+    control: DerivativeControl
+
+
+class Place(NamedTuple):
+    """Where the push-forward stands inside of a segment."""
+
+    k: Int[Array, ""]
+    """The recorded step."""
+    t: Float[Array, ""]
+    x: Float[Array, "state"]
+    dx: Float[Array, "state"]
+    width: Float[Array, ""]
+    """Longest step to try; inf for as long as the recorded one."""
+    steps: StepRecord
+    """The steps taken so far: the recorded ones, and those that they were cut into."""
+    steps_x: Float[Array, "step state"]
+    """Variations of their states."""
+    peak: Float[Array, ""]
+    """The largest size that dx had."""
+    tries: Int[Array, ""]
+
+
+def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> tuple[Motion, Variation]:
+    """Variation of a motion under `tangents` of (x0, t0, t1), and the motion with all steps that this has taken.
 
     Inside a segment the grid stands still; its ends move with the events (T5).
     """
-    d_parameters, dx0, dt0, dt1 = tangents
-    system = eqx.combine(parameters, static)
+    dx0, dt0, dt1 = tangents
+    system = eqx.combine(forward.parameters, forward.static)
     t0, x0 = start
     events, steps = motion.events, motion.steps
     mode, _, _ = segment(motion, 0)
+    begin = lambda p, t, x: eqx.combine(p, forward.static).project(t, x, mode)
+    x0, dx0 = jax.jvp(begin, (forward.parameters, t0, x0), (forward.d_parameters, dt0, dx0))
     dx = dx0 - system.flow(t0, x0, mode) * dt0
     zeros = lambda tree: jax.tree.map(jnp.zeros_like, tree)
     variation = Variation(
         zeros(motion.x), zeros(events.time), zeros(events.before), zeros(events.after), zeros(events.emitted),
         zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0),
     )  # fmt: skip
+    taken = StepRecord(jnp.full_like(steps.t, jnp.inf).at[0].set(steps.t[0]), zeros(steps.x).at[0].set(steps.x[0]),
+                       jnp.array(0))  # fmt: skip
 
     def one_segment(carry):
-        j, dx, variation = carry
-        mode, first, last = segment(motion, j)
-        dx, grid_x = _through_steps(parameters, static, solver, motion, mode, first, last, d_parameters, dx, variation)
-        variation = variation._replace(grid_x=grid_x)
-        dx, variation = _through_event(parameters, static, motion, j, last, d_parameters, dx, variation)
-        return j + 1, dx, variation
+        j, dx, dt, taken, ends, variation, peak, tries = carry
+        at = Place(jnp.array(0), t0, motion.x, dx, t0, taken, variation.steps_x, peak, tries)
+        _, _, _, dx, _, taken, steps_x, peak, tries = _through_steps(forward, motion, j, at)
+        variation = variation._replace(steps_x=steps_x)
+        dx, dt, taken, variation = _through_event(forward, motion, j, (dx, dt), taken, variation)
+        ends = write(ends, jnp.where(j < events.count, taken.count, 0), jnp.minimum(j, ends.shape[0] - 1))
+        return j + 1, dx, dt, taken, ends, variation, peak, tries
 
-    _, dx, variation = lax.while_loop(
-        lambda carry: carry[0] <= events.count, one_segment, (jnp.array(0), dx, variation)
-    )
+    peak = forward.control.of_direction(forward.parameters, forward.d_parameters, x0, dx0).astype(t0.dtype)
+    carry = (jnp.array(0), dx, dt0, taken, zeros(events.steps), variation, peak, jnp.array(0))
+    carry = lax.while_loop(lambda carry: carry[0] <= events.count, one_segment, carry)
+    _, dx, _, taken, ends, variation, _, tries = carry
+    room = steps.t.shape[0] - 2
+    resolved = (tries < forward.control.most_tries) & (taken.count <= room)
+    dx = jnp.where(resolved, dx, jnp.nan)
     final = dx + system.flow(t1, motion.x, motion.mode) * dt1
-    last = motion.steps.count
-    return variation._replace(
-        final=final, grid_t=write(variation.grid_t, dt1, last), grid_x=write(variation.grid_x, final, last)
+    last = taken.count
+    variation = variation._replace(
+        final=final, steps_t=write(variation.steps_t, dt1, last), steps_x=write(variation.steps_x, final, last)
     )
+    motion = eqx.tree_at(lambda m: (m.steps, m.events.steps), motion, (taken, ends))
+    return motion, variation
 
 
-def _through_steps(parameters, static, solver, motion: Motion, mode, first, last, d_parameters, dx, variation):
-    t, x = motion.steps.t, motion.steps.x
+def _through_steps(forward: ForwardPass, motion: Motion, j, at: Place) -> Place:
+    """Tangents through the steps of segment j: each recorded step at once, or in as many as they need."""
+    control, record = forward.control, motion.steps
+    mode, first, last = segment(motion, j)
+    end = segment_end(motion, j)
 
-    def body(carry):
-        k, dx, grid_x = carry
+    def body(place: Place) -> Place:
+        step_end = jnp.where(place.k + 1 < last, record.t[place.k + 1], end)
+        reaches = step_end - place.t <= place.width
+        t1 = jnp.where(reaches, step_end, place.t + control.cut(place.width))
+        (x1, _), (dx1, d_error) = _push_step(forward, mode, place, t1)
+        ratio, size = control.of_state(place.x, place.dx, dx1, d_error, place.peak)
+        accepted, width = control.judge(of_all_directions(ratio), t1 - place.t, place.width)
+        accepted = accepted | (t1 - place.t <= time_resolution(t1, 2))
+        at_once = accepted & reaches & (place.t == record.t[place.k])
+        x1 = jnp.where(reaches & (place.k + 1 < last), record.x[place.k + 1], x1)
+        return Place(
+            jnp.where(accepted & reaches, place.k + 1, place.k), jnp.where(accepted, t1, place.t),
+            jnp.where(accepted, x1, place.x), jnp.where(accepted, dx1, place.dx),
+            jnp.where(at_once, jnp.inf, width), place.steps.append(t1, x1, accepted),
+            write(place.steps_x, dx1, place.steps.count + 1),
+            jnp.where(accepted, jnp.maximum(place.peak, lax.stop_gradient(size)), place.peak), place.tries + 1,
+        )  # fmt: skip
 
-        def vary(solver, pick):
-            step = lambda p, x0: one_step(solver, pick(eqx.combine(p, static)), mode, t[k], t[k + 1], x0)
-            return push(step, k < last, (parameters, x[k]), (d_parameters, dx))[1]
-
-        dx = by_mode(solver, eqx.combine(parameters, static), mode, vary)
-        return k + 1, dx, write(grid_x, dx, k + 1)
-
-    _, dx, grid_x = lax.while_loop(lambda carry: carry[0] < last, body, (first, dx, variation.grid_x))
-    return dx, grid_x
+    goes_on = lambda place: (place.k < last) & (place.tries < control.most_tries)
+    never = jnp.full_like(end, jnp.inf)
+    return lax.while_loop(goes_on, body, at._replace(k=first, t=record.t[first], x=record.x[first], width=never))
 
 
-def _through_event(parameters, static, motion: Motion, j, last, d_parameters, dx, variation: Variation):
+def _push_step(forward: ForwardPass, mode, place: Place, t1):
+    """A step and its estimated error, and the tangents of both."""
+
+    def vary(solver, pick):
+        def step(p, x0):
+            system = pick(eqx.combine(p, forward.static))
+            x1, error = step_with_error(solver, system, mode, place.t, t1, x0)
+            on_constraints = system.project(t1, x1, mode)
+            if system.projects(mode):  # what the projection takes away is no error
+                error = on_constraints - system.project(t1, x1 - error, mode)
+            return on_constraints, error
+
+        return push(step, place.tries >= 0, (forward.parameters, place.x), (forward.d_parameters, place.dx))
+
+    return by_mode(forward.solver, eqx.combine(forward.parameters, forward.static), mode, vary)
+
+
+def _through_event(forward: ForwardPass, motion: Motion, j, moves, taken: StepRecord, variation: Variation):
     """Saltation at event j: dx+ = S dx- + ..., with the variations of its time and of both of its states.
 
     After the last segment there is no event: what is computed then is not kept."""
+    dx, dt = moves
     is_event = j < motion.events.count
     place = jnp.minimum(j, motion.events.time.shape[0] - 1)
     event = event_row(motion.events, place)
-    d = push_jump_forward(parameters, static, event, d_parameters, dx, is_event)
+    d = push_jump_forward(forward.parameters, forward.static, event, forward.d_parameters, dx, dt, is_event)
     put = lambda buffer, entry: write(buffer, jnp.where(is_event, entry, 0), place)
+    last = taken.count
+    t = jnp.where(is_event & is_jump(event.guard), after_jump(event.time), taken.t[last])
+    taken = taken.jump(t, jnp.where(is_event, event.after, taken.x[last]))
     variation = Variation(
         variation.final, put(variation.time, d.time), put(variation.before, d.before), put(variation.after, d.after),
         jax.tree.map(put, variation.emitted, d.emitted),
-        write(variation.grid_t, d.time, last), write(variation.grid_x, d.after, last),
+        write(variation.steps_t, d.time, last), write(variation.steps_x, d.after, last),
     )  # fmt: skip
-    return jnp.where(is_event, d.state, dx), variation
+    return jnp.where(is_event, d.state, dx), d.time, taken, variation

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..hybrid import AbstractHybridSystem, Decision, Mode
+from ..flat_system import AbstractFlatSystem, Decision, Mode
+from ..forward.record import after_jump, before_jump, is_jump, jump_number
 
 
 class RecordedEvent(NamedTuple):
@@ -46,14 +47,16 @@ class Jump(NamedTuple):
     emitted: Any
 
 
-def flows_at(system: AbstractHybridSystem, event: RecordedEvent) -> Flows:
+def flows_at(system: AbstractFlatSystem, event: RecordedEvent) -> Flows:
     """Flows on both sides, held constant while the jump is differentiated."""
-    before, after = (event.before, event.mode), (event.after, event.decision.mode)
+    t, timed = event.time, is_jump(event.guard)
+    before = (jnp.where(timed, before_jump(t), t), event.before, event.mode)
+    after = (jnp.where(timed, after_jump(t), t), event.after, event.decision.mode)
     sides = jax.tree.map(lambda *side: jnp.stack(side), before, after)
-    return Flows(*lax.map(lambda side: system.flow(event.time, *side), sides))  # one copy of the flow to compile
+    return Flows(*lax.map(lambda side: system.flow(*side), sides))  # one copy of the flow to compile
 
 
-def jump(system: AbstractHybridSystem, event: RecordedEvent, flows: Flows, before: Float[Array, "state"], dt) -> Jump:
+def jump(system: AbstractFlatSystem, event: RecordedEvent, flows: Flows, before: Float[Array, "state"], dt) -> Jump:
     """From the state before to the state after an event that comes by dt later than recorded:
 
     x+ = R(t + dt, x- + f- dt) - f+ dt  (T6). Differentiate with respect to `system`, `before` and dt, which is 0.
@@ -61,43 +64,80 @@ def jump(system: AbstractHybridSystem, event: RecordedEvent, flows: Flows, befor
     t = event.time + dt
     at_guard = before + flows.before * dt
     after, emitted = system.reset(event.decision, t, at_guard)
+    if system.jump_times() is not None:
+        after = jnp.where(is_jump(event.guard), at_guard, after)
     return Jump(after - flows.after * dt, t, at_guard, after, emitted)
 
 
-def push_jump_forward(parameters, static, event: RecordedEvent, d_parameters, dx, is_event=True) -> Jump:
+def push_jump_forward(parameters, static, event: RecordedEvent, d_parameters, dx, dt_before, is_event=True) -> Jump:
     """Variation of the jump: dt = -(h_x dx + h_theta dtheta) / h' (T5), and with it dx+ = S dx + ... (T6).
 
-    Where there is no event, h' may be 0: what is returned then is finite and means nothing."""
+    An event that comes at once moves as the one before, by dt_before. Where there is no event, h' may be 0: what is
+    returned then is finite and means nothing."""
     flows = flows_at(eqx.combine(parameters, static), event)
     guard = _fallen_guard(static, event)
     _, of_guard = jax.linearize(guard, parameters, event.time, event.before)
     still = jax.tree.map(jnp.zeros_like, (parameters, event.time))
     rate = of_guard(still[0], jnp.ones_like(event.time), flows.before)
-    dt = -of_guard(d_parameters, still[1], dx) / jnp.where(is_event, rate, 1)
+    falls = is_event & _falls_by_itself(event)
+    dt = -of_guard(d_parameters, still[1], dx) / jnp.where(falls, rate, 1)
+    dt = jnp.where(event.decision.at_once, dt_before, dt)
     go = lambda p, before, dt: jump(eqx.combine(p, static), event, flows, before, dt)
     return jax.jvp(go, (parameters, event.before, still[1]), (d_parameters, dx, dt))[1]
 
 
-def pull_jump_back(parameters, static, event: RecordedEvent, bar: Jump):
-    """What the event adds to dJ/dtheta, and psi- = S^T psi+ (T8)-(T9), with what is reported of the event (T10)."""
+class PulledJump(NamedTuple):
+    """What becomes of cotangents before an event."""
+
+    total: Any
+    """What it adds to dJ/dtheta."""
+    psi: Float[Array, "state"]
+    by_dt: Float[Array, ""]
+    """Derivative by the time of the event before, of an event that comes at once; else 0."""
+
+
+def pull_jump_back(
+    parameters, static, event: RecordedEvent, bar: Jump, by_dt_after: Float[Array, ""] | float = 0.0
+) -> PulledJump:
+    """What the event adds to dJ/dtheta, and psi- = S^T psi+ (T8)-(T9), with what is reported of the event (T10).
+
+    `by_dt_after` is what events that came at once after it hand on."""
     flows = flows_at(eqx.combine(parameters, static), event)
     guard, of_guard = jax.vjp(_fallen_guard(static, event), parameters, event.time, event.before)
     h_parameters, h_t, h_x = of_guard(jnp.ones_like(guard))
     go = lambda p, before, dt: jump(eqx.combine(p, static), event, flows, before, dt)
     _, of_jump = jax.vjp(go, parameters, event.before, jnp.zeros_like(event.time))
     by_parameters, psi, by_dt = of_jump(bar)
-    mu = -by_dt / (h_t + h_x @ flows.before)
-    return jax.tree.map(lambda p, h: p + mu * h, by_parameters, h_parameters), psi + mu * h_x
+    by_dt = by_dt + by_dt_after
+    falls = _falls_by_itself(event)
+    rate = jnp.where(falls, h_t + h_x @ flows.before, 1)
+    mu = jnp.where(falls, -by_dt / rate, 0)
+    total = jax.tree.map(lambda p, h: p + mu * h, by_parameters, h_parameters)
+    return PulledJump(total, psi + mu * h_x, jnp.where(event.decision.at_once, by_dt, 0))
+
+
+def _falls_by_itself(event: RecordedEvent):
+    """Whether the time of an event is that at which its guard falls, which another motion reaches earlier or later."""
+    return jnp.logical_not(event.decision.silent) & jnp.logical_not(event.decision.at_once)
 
 
 def _fallen_guard(static, event: RecordedEvent):
-    """The guard that fell through zero, h(theta, t, x), in the mode before.
+    """The guard that fell through zero, h(theta, t, x), in the mode before; t_j(theta, x) - t at a known time t_j.
 
     Picked by a sum: a system without guards traces through here too, and an index would have no bounds."""
 
     def guard(parameters, t, x):
-        guards = eqx.combine(parameters, static).guards(t, x, event.mode)
-        return jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == event.guard, guards, 0))
+        system = eqx.combine(parameters, static)
+        guards = system.guards(t, x, event.mode)
+        fallen = jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == event.guard, guards, 0))
+        jumps, scheduled = system.jump_times(), system.scheduled_times(x, event.mode)
+        if jumps is not None:
+            numbers = jump_number(jnp.arange(jumps.shape[0]))
+            fallen += jnp.sum(jnp.where(numbers == event.guard, jumps - t, 0)).astype(fallen.dtype)
+        if scheduled is not None:
+            numbers = guards.shape[0] + jnp.arange(scheduled.shape[0])
+            fallen += jnp.sum(jnp.where(numbers == event.guard, scheduled - t, 0)).astype(fallen.dtype)
+        return fallen
 
     return guard
 

@@ -5,7 +5,20 @@ import equinox as eqx
 
 
 class AbstractGradientMethod(eqx.Module):
-    """One way to differentiate a motion."""
+    """One way to differentiate a motion.
+
+    `rtol` is the error that one step may have in the derivative, relative to the derivative itself. Where the motion is
+    trivial (at rest, in free flight, at zero control) its steps are too long for that and are cut. Default: a hundred
+    times the `rtol` of the motion, or 1e-5 where that is less, but at least that `rtol`. `math.inf` switches the
+    control off. Where the steps needed are more than four times `max_steps`, the derivative is nan.
+    """
+
+    rtol: float | None = eqx.field(default=None, static=True, kw_only=True)
+
+    @property
+    def step_rtol(self) -> float | None:
+        """What a recorded step may be off by in the derivative."""
+        return self.rtol
 
 
 class Replay(AbstractGradientMethod):
@@ -43,6 +56,10 @@ class ContinuousCostate(AbstractGradientMethod):
         if self.state not in ("recorded", "backward"):
             raise ValueError(f'`state` must be "recorded" or "backward", but is {self.state!r}.')
 
+    @property
+    def step_rtol(self) -> None:
+        """The equation is solved to `rtol`, however long the recorded steps are."""
+
 
 class DiffraxAdjoint(AbstractGradientMethod):
     """Reverse mode with an adjoint of Diffrax inside the segments, jumps between: for comparison.
@@ -65,5 +82,5 @@ class ForwardSensitivities(AbstractGradientMethod):
     """Forward mode: variations carried along the recorded steps, by saltation matrices (T6) through the events.
 
     Serves `jax.jvp`, `jax.jacfwd` and their nesting. Costs one tangent pass per direction, and no memory beyond the
-    record.
+    record. The directions of one Jacobian share their steps.
     """

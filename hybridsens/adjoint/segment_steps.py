@@ -1,28 +1,38 @@
 """The steps of one segment, for the way back: as they were recorded, or run again."""
 
 import dataclasses
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..forward.record import Motion, StepRecord, empty_steps, segment
+from ..flat_system import AbstractFlatSystem, Mode
+from ..forward.record import Motion, StepRecord, empty_steps, segment, segment_end, segment_start
 from ..forward.segment import Stepper, solve_segment
-from ..hybrid import AbstractHybridSystem, Mode
-from ..precision import time_resolution
+from ..numerics.tolerances import time_resolution
 
-Steps = tuple[Mode, StepRecord, Int[Array, ""], Int[Array, ""], Float[Array, ""]]
-"""Mode of the segment, a record that holds its steps, its first step, one past its last, and 1 (nan if they are
-lost)."""
+
+class Steps(NamedTuple):
+    """The steps of one segment."""
+
+    mode: Mode
+    record: StepRecord
+    """Holds its steps, and perhaps others."""
+    first: Int[Array, ""]
+    last: Int[Array, ""]
+    """One past its last step."""
+    valid: Float[Array, ""]
+    """1, or nan where the steps are lost."""
 
 
 def recorded_steps(motion: Motion, j: Int[Array, ""]) -> Steps:
     """Segment j of a motion whose steps were all recorded."""
     mode, first, last = segment(motion, j)
-    return mode, motion.steps, first, last, jnp.ones_like(motion.t)
+    return Steps(mode, motion.steps, first, last, jnp.ones_like(motion.t))
 
 
 def recomputed_steps(
-    system: AbstractHybridSystem, stepper: Stepper, start, t1, motion: Motion, j: Int[Array, ""]
+    system: AbstractFlatSystem, stepper: Stepper, start, t1, motion: Motion, j: Int[Array, ""]
 ) -> Steps:
     """Segment j, run again from where its event left it by the same steps as before, on to its next event.
 
@@ -30,7 +40,7 @@ def recomputed_steps(
     """
     mode, first, last = segment(motion, j)
     events, previous = motion.events, jnp.maximum(j - 1, 0)
-    t = jnp.where(j > 0, events.time[previous], start[0])
+    t = segment_start(motion, j, start[0])
     x = jnp.where(j > 0, events.after[previous], start[1])
     first_step = jnp.where(j > 0, events.first_step[previous], 0)
     again = dataclasses.replace(
@@ -38,6 +48,7 @@ def recomputed_steps(
         rejected=jnp.array(0),
     )  # fmt: skip
     again, _ = solve_segment(system, stepper, t1, again)
-    end = jnp.where(j < events.count, events.time[jnp.minimum(j, events.time.shape[0] - 1)], motion.t)
+    end = segment_end(motion, j)
     same = (again.steps.count == last - first) & (jnp.abs(again.t - end) <= time_resolution(end, 3))
-    return mode, again.steps, jnp.zeros_like(first), again.steps.count, jnp.where(same, 1.0, jnp.nan).astype(t.dtype)
+    valid = jnp.where(same, 1.0, jnp.nan).astype(t.dtype)
+    return Steps(mode, again.steps, jnp.zeros_like(first), again.steps.count, valid)

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -11,27 +11,76 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..forward.explicit import by_mode
-from ..forward.solver import TERM, one_step
+from ..forward.solver import TERM, one_step, step_with_error
 from .methods import AbstractGradientMethod, ContinuousCostate, DiffraxAdjoint
 
-StepAdjoint = Callable[..., tuple[Any, Any]]
-"""(parameters, static, mode, t0, t1, x0, psi1) -> (what the step adds to dJ/d(parameters), psi0)"""
+
+class StepBack(NamedTuple):
+    """What a costate becomes over one step."""
+
+    total: Any
+    """What the step adds to dJ/dtheta."""
+    psi: Any
+    """psi at its start."""
+    x1: Any
+    """The state at its end."""
+    total_error: Any = None
+    """Estimated error of `total`; None where the method controls its error by itself."""
+    psi_error: Any = None
 
 
-def step_adjoint(method: AbstractGradientMethod, solver: diffrax.AbstractSolver) -> StepAdjoint:
-    """How the method carries a costate back over one step of the solver."""
+StepAdjoint = Callable[..., StepBack]
+"""(parameters, static, mode, t0, t1, x0, psi1) -> StepBack"""
+
+
+def step_adjoint(method: AbstractGradientMethod, solver: diffrax.AbstractSolver, controlled: bool) -> StepAdjoint:
+    """How the method carries a costate back over one step of the solver, with its error where that is `controlled`."""
     if isinstance(method, ContinuousCostate):
         return _continuous_costate(method, solver)
     if isinstance(method, DiffraxAdjoint):
-        return _vjp_of(solver, lambda solver, *step: _diffrax_step(solver, method.adjoint, *step))
-    return _vjp_of(solver, one_step)
+        by_diffrax = _vjp_of(solver, lambda solver, *step: _diffrax_step(solver, method.adjoint, *step))
+        return _with_error_of(_replay(solver), by_diffrax) if controlled else by_diffrax
+    return _replay(solver) if controlled else _vjp_of(solver, one_step)
+
+
+def _with_error_of(judge: StepAdjoint, adjoint: StepAdjoint) -> StepAdjoint:
+    """One way back, with the error that another one estimates."""
+
+    def both(*step):
+        done = adjoint(*step)
+        return judge(*step)._replace(total=done.total, psi=done.psi, x1=done.x1)
+
+    return both
+
+
+def _replay(solver: diffrax.AbstractSolver) -> StepAdjoint:
+    """Phi_x^T psi and Phi_theta^T psi of a step Phi, and the same of its error estimate E."""
+
+    def adjoint(parameters, static, mode, t0, t1, x0, psi):
+        def carry_back(solver, pick):
+            system = lambda p: pick(eqx.combine(p, static))
+            step = lambda p, x: step_with_error(solver, system(p), mode, t0, t1, x)
+            (x1, _), of_step = jax.vjp(step, parameters, x0)
+            x1, of_projection = jax.vjp(lambda p, x: system(p).project(t1, x, mode), parameters, x1)
+            by_projection, psi_1 = of_projection(psi)  # only what stays on the constraints matters, of the error too
+            zero = jnp.zeros_like(psi)
+            both = jax.vmap(of_step)((jnp.stack([psi_1, zero]), jnp.stack([zero, psi_1])))  # one copy to compile
+            total, psi_0 = jax.tree.map(lambda pair: pair[0], both)
+            total_error, psi_error = jax.tree.map(lambda pair: pair[1], both)
+            return StepBack(jax.tree.map(jnp.add, total, by_projection), psi_0, x1, total_error, psi_error)
+
+        return by_mode(solver, eqx.combine(parameters, static), mode, carry_back)
+
+    return adjoint
 
 
 def _vjp_of(solver: diffrax.AbstractSolver, step) -> StepAdjoint:
     def adjoint(parameters, static, mode, t0, t1, x0, psi):
         def carry_back(solver, pick):
             moved = lambda p, x: step(solver, pick(eqx.combine(p, static)), mode, t0, t1, x)
-            return jax.vjp(moved, parameters, x0)[1](psi)
+            x1, pull = jax.vjp(moved, parameters, x0)
+            total, psi_0 = pull(psi)
+            return StepBack(total, psi_0, x1)
 
         return by_mode(solver, eqx.combine(parameters, static), mode, carry_back)
 
@@ -77,7 +126,7 @@ def _continuous_costate(method: ContinuousCostate, solver) -> StepAdjoint:
         came_back, psi, by_parameters = jax.tree.map(lambda leaf: reached * leaf[-1], solution.ys)
         if method.state == "backward":
             _warn_of_drift(method, came_back, x0)
-        return by_parameters, psi
+        return StepBack(by_parameters, psi, x1)
 
     return adjoint
 

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..precision import rounding
-from ..short import any_of
+from ..numerics.small_arrays import any_of
+from ..numerics.tolerances import rounding
 
 UNSURE = 0.01
 """How far a guard's cubic may be from the guard itself, relative to the end values that it is made from."""

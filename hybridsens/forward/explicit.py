@@ -54,21 +54,30 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump  # every segment starts with `init`
         system, mode = args
-        take = lambda solver, pick: solver._step(terms, t0, t1, y0, (pick(system), mode), solver_state)
+        take = lambda solver, pick: solver._step(pick(system), mode, t0, t1, y0, solver_state)
         y1, error, last = by_mode(self, system, mode, take)
         return y1, error, dict(y0=y0, y1=y1), last, diffrax.RESULTS.successful
 
-    def _step(self, terms, t0, t1, y0, args, solver_state):
-        """The new state, its error, and the last stage."""
-        tableau = self.tableau
-        system, mode = args
+    def _step(self, system, mode, t0, t1, y0, first):
+        """The new state, its error, and the last stage; `first` is the first stage where it is known."""
         h = t1 - t0
-        first = solver_state if tableau.fsal else terms.vf(t0, y0, args)
-        first, rises = self._stages(lambda c, y: terms.vf(t0 + c * h, y, args), y0, h, first)
-        y1 = system.project(t1, y0 + h * _mean(_weights(tableau), 1.0, first, rises), mode)
-        last = terms.vf(t1, y1, args) if tableau.fsal else None
-        error = h * _mean(tableau.b_error, 0.0, first, rises if last is None else [*rises, last - first])
-        return y1, error, last
+        first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, first)
+        y1, moved = system.project_with_error(t1, y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), mode)
+        last = system.flow(t1, y1, mode) if self.tableau.fsal else None
+        return y1, self._error(h, first, rises, last) + moved, last
+
+    def _error(self, h, first, rises, last):
+        """h sum_i (b_i - b^_i) k_i of the embedded pair."""
+        return h * _mean(self.tableau.b_error, 0.0, first, rises if last is None else [*rises, last - first])
+
+    def advance_with_error(self, system, mode, t0, t1, y0):
+        """The state after one step before it is projected, and its error: what a step is differentiated by, inside of
+        `by_mode`."""
+        h = t1 - t0
+        first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None)
+        y1 = y0 + h * _mean(_weights(self.tableau), 1.0, first, rises)
+        last = system.flow(t1, y1, mode) if self.tableau.fsal else None
+        return y1, self._error(h, first, rises, last)
 
     def advance(self, system, mode, t0, t1, y0):
         """The state after one step and nothing else: what a recorded step is replayed with, inside of `by_mode`."""

@@ -23,6 +23,10 @@ class Method(eqx.Module):
     max_step: Any = None
     """Longest step; None for as long as the error control allows."""
 
+    derivative_rtol: Any = None
+    """Error allowed to a derivative in one step, relative; None for what the tolerances of the motion stand for, inf
+    for no control."""
+
     def stepper(self, size: FlowSize) -> Stepper:
         """Solver and error control of the forward pass, for a flow of that size."""
         solver = prepare_solver(self.solver, self.rtol, self.atol, "lax", size)

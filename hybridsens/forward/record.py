@@ -6,8 +6,29 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from ..hybrid import AbstractHybridSystem, Decision, Mode
+from ..flat_system import AbstractFlatSystem, Decision, Mode
+from ..numerics.tolerances import time_resolution
 from ..status import Status
+
+
+def jump_number(place):
+    """The number that stands for jump time `place` where others stand for guards: -2, -3, ..."""
+    return -2 - place
+
+
+def is_jump(guard):
+    """Whether a number in the place of a guard's stands for a jump time."""
+    return guard <= -2
+
+
+def before_jump(t):
+    """The last moment before a jump time: a force is evaluated there as it was before."""
+    return t - 2 * time_resolution(t, 0)
+
+
+def after_jump(t):
+    """The first moment after a jump time."""
+    return t + 2 * time_resolution(t, 0)
 
 
 class StepRecord(eqx.Module):
@@ -25,9 +46,9 @@ class StepRecord(eqx.Module):
         place = self.count + 1
         return StepRecord(write(self.t, t, place), write(self.x, x, place), self.count + keep)
 
-    def jump(self, x) -> "StepRecord":
-        """Replace the current state by the one after a jump."""
-        return StepRecord(self.t, write(self.x, x, self.count), self.count)
+    def jump(self, t, x) -> "StepRecord":
+        """Replace the current time and state by those after a jump."""
+        return StepRecord(write(self.t, t, self.count), write(self.x, x, self.count), self.count)
 
 
 class EventRecord(eqx.Module):
@@ -36,7 +57,7 @@ class EventRecord(eqx.Module):
     time: Float[Array, "event"]
     """When, inf beyond the last."""
     guard: Int[Array, "event"]
-    """Which guard fell through zero; -1 beyond the last."""
+    """Which guard fell through zero, or `jump_number` of a jump time; -1 beyond the last."""
     before: Float[Array, "event state"]
     """State just before, x-."""
     after: Float[Array, "event state"]
@@ -53,12 +74,14 @@ class EventRecord(eqx.Module):
     """Size of the step that was tried next after the event."""
     count: Int[Array, ""]
     """How many events there were."""
+    room: int = eqx.field(static=True)
+    """How many events may be reported; rows of jump times and of silent events come beside them."""
 
     def append(self, passes, **entry) -> "EventRecord":
         """Write the next event; one that does not pass is overwritten by the next."""
         fields = {name: getattr(self, name) for name in entry}
         written = jax.tree.map(lambda buffer, leaf: write(buffer, leaf, self.count), fields, entry)
-        return EventRecord(**written, count=self.count + passes)
+        return EventRecord(**written, count=self.count + passes, room=self.room)
 
 
 class Motion(eqx.Module):
@@ -84,6 +107,8 @@ class Motion(eqx.Module):
     """Time of the last event."""
     grazing: Bool[Array, ""]
     """Whether any event so far was grazing."""
+    unreported: Int[Array, ""]
+    """Jump times and silent events passed so far, which are rows of the record of events."""
     rejected: Int[Array, ""]
     """Steps that were tried and not kept (those that overshot an event among them)."""
     first_step: Float[Array, ""]
@@ -97,13 +122,15 @@ def write(buffer: Array, row: Array, place: Int[Array, ""]) -> Array:
 
 
 def empty_motion(
-    system: AbstractHybridSystem, t0, x0, mode: Mode, max_events: int, max_steps: int, status
+    system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int, max_steps: int, status
 ) -> Motion:
-    """A motion that stands at (t0, x0) and has room for `max_steps` steps and `max_events` events.
+    """A motion that stands at (t0, x0) and has room for `max_steps` steps, `max_events` events and all jump times.
 
     Both records have one row more than they may use, for the entry that is written and then not kept.
     """
     steps = empty_steps(t0, x0, max_steps)
+    room = max_events
+    max_events += jump_count(system) + system.silent_room(max_events)
     decision = jax.eval_shape(lambda: system.choose(jnp.array(0), t0, x0, mode))
     _, emitted = jax.eval_shape(lambda decision: system.reset(decision, t0, x0), decision)
     rows = lambda tree: jax.tree.map(lambda leaf: jnp.zeros((max_events + 1, *leaf.shape), leaf.dtype), tree)
@@ -118,10 +145,18 @@ def empty_motion(
         steps=jnp.zeros(max_events + 1, int),
         first_step=jnp.zeros(max_events + 1, t0.dtype),
         count=jnp.array(0),
+        room=room,
     )
     never = jnp.array(-jnp.inf, t0.dtype)
     no = jnp.array(False)
-    return Motion(no, t0, x0, mode, steps, events, jnp.array(-1), never, no, jnp.array(0), jnp.zeros_like(t0), status)
+    zero = jnp.array(0)
+    return Motion(no, t0, x0, mode, steps, events, jnp.array(-1), never, no, zero, zero, jnp.zeros_like(t0), status)
+
+
+def jump_count(system: AbstractFlatSystem) -> int:
+    """How many jump times a system declares."""
+    times = system.jump_times()
+    return 0 if times is None else times.shape[0]
 
 
 def empty_steps(t, x, max_steps: int) -> StepRecord:
@@ -140,3 +175,26 @@ def segment(motion: Motion, j) -> tuple[Mode, Int[Array, ""], Int[Array, ""]]:
     mode = jax.tree.map(lambda rows, final: jnp.where(ended, rows[here], final), events.mode, motion.mode)
     first = jnp.where(j > 0, events.steps[previous], 0)
     return mode, first, jnp.where(ended, events.steps[here], motion.steps.count)
+
+
+def segment_start(motion: Motion, j, t0) -> Float[Array, ""]:
+    """When segment j began."""
+    previous = jnp.maximum(j - 1, 0)
+    time = motion.events.time[previous]
+    return jnp.where(j > 0, jnp.where(is_jump(motion.events.guard[previous]), after_jump(time), time), t0)
+
+
+def segment_end(motion: Motion, j) -> Float[Array, ""]:
+    """When segment j ended."""
+    events = motion.events
+    place = jnp.minimum(j, events.time.shape[0] - 1)
+    time = jnp.where(is_jump(events.guard[place]), before_jump(events.time[place]), events.time[place])
+    return jnp.where(j < events.count, time, motion.t)
+
+
+def order_of_events(motion: Motion) -> Int[Array, "event"]:
+    """Rows of the record that are reported, in their order."""
+    events = motion.events
+    hidden = is_jump(events.guard) | events.decision.silent
+    sort = lambda: jnp.argsort(hidden, stable=True)[: events.room]
+    return lax.cond(motion.unreported > 0, sort, lambda: jnp.arange(events.room))  # to sort takes longer than to ask

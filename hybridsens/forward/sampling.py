@@ -8,16 +8,17 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
-from ..hybrid import AbstractHybridSystem
-from .record import Motion, segment
+from ..flat_system import AbstractFlatSystem
+from .record import Motion, segment, segment_end
 from .solver import one_step
 from .tangent import push
 
 
 def sample_states(
-    system: AbstractHybridSystem, solver: diffrax.AbstractSolver, motion: Motion, ts: Float[Array, "sample"],
+    system: AbstractFlatSystem, solver: diffrax.AbstractSolver, motion: Motion, ts: Float[Array, "sample"],
     forward_mode: bool = False,
 ) -> Float[Array, "sample state"]:  # fmt: skip
     """States at `ts`; at an event, the state just after it. Differentiable in the recorded grid and in ts.
@@ -30,7 +31,9 @@ def sample_states(
     def state_at(t):
         k = jnp.searchsorted(motion.steps.t, t, side="right") - 1
         k = jnp.clip(k, 0, motion.steps.count)
-        mode, _, _ = segment(motion, jnp.sum(passed & (ends <= k)))
+        j = jnp.sum(passed & (ends <= k))
+        mode, _, _ = segment(motion, j)
+        t = t - lax.stop_gradient(jnp.maximum(t - segment_end(motion, j), 0))  # a jump time belongs to what was before
         return take(motion.begun, solver, system, mode, motion.steps.t[k], t, motion.steps.x[k])
 
     return jax.vmap(state_at)(ts)

@@ -1,15 +1,18 @@
 """One smooth piece of a motion: a single Diffrax solve that ends on an event or at the end of the horizon."""
 
+from typing import NamedTuple
+
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from ..hybrid import AbstractHybridSystem
-from ..short import any_of
+from ..flat_system import AbstractFlatSystem
+from ..numerics.small_arrays import any_of
 from ..status import Status
-from .landing import LandingController, LandingState, first_to_fall, guards_at_start
-from .record import Motion
+from .event_location import EventLocator, LocatorState, first_to_fall, guards_at_start
+from .record import Motion, after_jump, before_jump, jump_number
 from .solver import TERM
 
 
@@ -28,26 +31,33 @@ class SegmentEnd(eqx.Module):
     """Why a segment ended."""
 
     event: Bool[Array, ""]
-    """Whether a guard fell through zero."""
+    """Whether a guard fell through zero, or a declared time was reached."""
     guard: Int[Array, ""]
-    """Which one; -1 where the motion has not begun, meaningless without an event."""
+    """Which one: a guard, or `jump_number(j)` for jump time j; -1 where the motion has not begun, meaningless without
+    an event."""
+    time: Float[Array, ""]
+    """When: where the motion stands, or the declared time itself."""
 
 
-def solve_segment(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Motion) -> tuple[Motion, SegmentEnd]:
-    """Integrate from where the motion stands until the first event or t1; its beginning is an event too."""
+def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> tuple[Motion, SegmentEnd]:
+    """Integrate from where the motion stands until the first event, the next jump time or scheduled time, or t1.
+
+    Its beginning is an event too."""
+    known = next_known(system, motion, t1)
+    stop = jnp.minimum(known.stop, t1)
     start = guards_at_start(system, motion.t, motion.x, motion.mode)
-    at_once = any_of(start.fired) | ~motion.begun
+    at_once = any_of(start.triggered) | ~motion.begun
     solution = diffrax.diffeqsolve(
         TERM,
         stepper.solver,
         motion.t,
-        jnp.where(at_once, motion.t, t1),
+        jnp.where(at_once, motion.t, jnp.maximum(stop, motion.t)),
         None,
         motion.x,
         args=(system, motion.mode),
-        stepsize_controller=LandingController(
-            stepper.controller, motion.first_step, t1, motion.steps, motion.rejected, start, stepper.max_steps,
-            stepper.segment_steps,
+        stepsize_controller=EventLocator(
+            stepper.controller, motion.first_step, stop, motion.steps, motion.rejected, start,
+            stepper.max_steps, stepper.segment_steps,
         ),
         saveat=diffrax.SaveAt(t1=True, controller_state=True),
         adjoint=diffrax.ForwardMode(),
@@ -55,16 +65,61 @@ def solve_segment(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Mo
         throw=False,
     )
     state, ts, ys = solution.controller_state, solution.ts, solution.ys
-    assert isinstance(state, LandingState) and ts is not None and ys is not None
+    assert isinstance(state, LocatorState) and ts is not None and ys is not None
     landed = solution.result == diffrax.RESULTS.event_occurred
-    guard = jnp.where(at_once, first_to_fall(start.fired, start.guard, start.rate), state.fired)
+    guard = jnp.where(at_once, first_to_fall(start.triggered, start.guard, start.rate), state.triggered)
     guard = jnp.where(motion.begun, guard, -1)
     first_step = jnp.where(motion.begun, state.free_step, motion.first_step)  # to be found in the mode then chosen
     motion = Motion(
         motion.begun, ts[0], ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event,
-        motion.grazing | state.grazing, state.rejected, first_step, _status(solution.result, state.finite),
+        motion.grazing | state.grazing, motion.unreported, state.rejected, first_step,
+        _status(solution.result, state.finite),
     )  # fmt: skip
-    return motion, SegmentEnd(at_once | landed, guard)
+    event = at_once | landed
+    comes = ~event & (motion.status == Status.running) & jnp.isfinite(known.stop)
+    time = jnp.where(comes, known.time, motion.t)
+    return motion, SegmentEnd(event | comes, jnp.where(comes, known.event, guard), time)
+
+
+class KnownTime(NamedTuple):
+    """The next event whose time is known; inf where there is none before the end of the horizon."""
+
+    time: Float[Array, ""]
+    stop: Float[Array, ""]
+    """Where the step before it ends."""
+    event: Int[Array, ""]
+
+
+def next_known(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime:
+    """The next jump time or scheduled time. Of two at one instant the jump time comes first."""
+    jump, scheduled = _next_jump(system, motion.t, t1), _next_scheduled(system, motion, t1)
+    if jump is None or scheduled is None:
+        never = jnp.full_like(motion.t, jnp.inf)
+        return jump or scheduled or KnownTime(never, never, jnp.array(-1))
+    return jax.tree.map(lambda one, other: jnp.where(jump.stop <= scheduled.time, one, other), jump, scheduled)
+
+
+def _next_jump(system: AbstractFlatSystem, t, t1) -> KnownTime | None:
+    """The first jump time after t. One that comes at once, within the resolution of time, has passed."""
+    times = system.jump_times()
+    if times is None or times.shape[0] == 0:
+        return None
+    later = jnp.where((times > after_jump(t)) & (times < t1), times, jnp.inf)
+    first = jnp.argmin(later)
+    time = later[first].astype(t.dtype)
+    stop = jnp.where(jnp.isfinite(time), before_jump(time), jnp.inf)  # there is no moment before inf
+    return KnownTime(time, stop, jump_number(first))
+
+
+def _next_scheduled(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime | None:
+    """The first scheduled time that is still to come, also if it is now. They are numbered after the guards."""
+    times = system.scheduled_times(motion.x, motion.mode)
+    if times is None:
+        return None
+    guards = jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0]
+    times = jnp.where(motion.begun & system.expected(motion.mode) & (times <= t1), times, jnp.inf)
+    first = jnp.argmin(times)
+    return KnownTime(times[first], times[first], guards + first)
 
 
 def _status(result, finite) -> Status:

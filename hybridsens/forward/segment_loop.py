@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..hybrid import AbstractHybridSystem, Decision
-from ..precision import time_resolution
+from ..flat_system import AbstractFlatSystem, Decision
+from ..numerics.tolerances import time_resolution
 from ..status import Status
-from .record import Motion
+from .record import Motion, after_jump, is_jump
 from .segment import SegmentEnd, Stepper, solve_segment
 
 
@@ -23,16 +23,20 @@ class Transition(NamedTuple):
     emitted: Any
 
 
-def run_segments(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
+def run_segments(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
     """Carry a motion on to t1, through every event, in one compiled loop (a system without guards: in one solve)."""
-    if jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0] == 0:
+    no_guards = jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0] == 0
+    if no_guards and system.jump_times() is None and system.scheduled_times(motion.x, motion.mode) is None:
         return _run_freely(system, stepper, t1, motion)
 
     def body(motion):
         motion, end = solve_segment(system, stepper, t1, motion)
         return pass_event(system, motion, end)
 
-    return lax.while_loop(_goes_on, body, motion)
+    motion = lax.while_loop(_goes_on, body, motion)
+    stuck = motion.status == Status.step_size_underflow
+    why = lax.cond(stuck, lambda: system.stuck(motion.t, motion.x, motion.mode), lambda: motion.status)
+    return dataclasses.replace(motion, status=why)
 
 
 def _goes_on(motion: Motion):
@@ -43,7 +47,7 @@ def _goes_on(motion: Motion):
     return (motion.status == Status.running) & (motion.events.count < motion.events.time.shape[0])
 
 
-def _run_freely(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
+def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
     begins = system.choose(jnp.array(-1), motion.t, motion.x, motion.mode)
     start = Status.where(motion.status == Status.running, begins.status, motion.status)
     motion = dataclasses.replace(motion, begun=jnp.array(True), status=start)
@@ -52,26 +56,35 @@ def _run_freely(system: AbstractHybridSystem, stepper: Stepper, t1, motion: Moti
     return dataclasses.replace(motion, status=Status.where(start == Status.running, ended, start))
 
 
-def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) -> Motion:
+def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Motion:
     """Decide what the event is, reset the state, and write the event down; without an event the motion has ended.
 
-    The first event is the beginning: the mode is chosen, nothing jumps, nothing is written down."""
-    t, before, events = motion.t, motion.x, motion.events
-    full = events.count >= events.time.shape[0] - 1
+    The first event is the beginning: the mode is chosen, nothing is written down, and nothing jumps but onto the
+    constraints of that mode. At a jump time the mode is chosen anew, and the state stays."""
+    t, before, events = end.time, motion.x, motion.events
+    timed = is_jump(end.guard)
+    silent = timed | system.is_silent(end.guard, motion.mode)
+    full = ~silent & (events.count - motion.unreported >= events.room)
     again = motion.begun & (end.guard == motion.last_guard) & (t - motion.last_event <= time_resolution(t, 1))
     passes = end.event & ~full & ~again
     jumps = passes & motion.begun
 
     def transition():
-        decision = system.choose(end.guard, t, before, motion.mode)
+        at = jnp.where(timed, after_jump(t), t)
+        decision = system.choose(jnp.maximum(end.guard, -2), at, before, motion.mode)
         after, emitted = system.reset(decision, t, before)
+        begun = lambda: jnp.where(timed, before, after)
+        after = lax.cond(motion.begun, begun, lambda: system.project(t, before, decision.mode))
         return Transition(decision, after, emitted)
 
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
     done = lax.cond(passes, transition, lambda: nothing)
-    after = jnp.where(jumps, done.after, before)
-    hop = jnp.maximum(done.decision.hop, time_resolution(t, 0))  # a step of no length would never grow
-    first_step = jnp.where(passes, jnp.minimum(motion.first_step, hop), motion.first_step)
+    after = jnp.where(passes, done.after, before)
+    t_after = jnp.where(passes & timed, after_jump(t), t)
+    first_step_bound = jnp.maximum(
+        done.decision.first_step_bound, time_resolution(t, 0)
+    )  # a step of no length would never grow
+    first_step = jnp.where(passes, jnp.minimum(motion.first_step, first_step_bound), motion.first_step)
     # The row is written in either case and counts only if the event passed: a buffer that goes through a
     # conditional would be copied whole.
     events = events.append(
@@ -81,14 +94,15 @@ def pass_event(system: AbstractHybridSystem, motion: Motion, end: SegmentEnd) ->
     )  # fmt: skip
     return Motion(
         begun=jnp.array(True),
-        t=t,
+        t=t_after,
         x=after,
         mode=jax.tree.map(lambda new, old: jnp.where(passes, new, old), done.decision.mode, motion.mode),
-        steps=motion.steps.jump(after),
+        steps=motion.steps.jump(t_after, after),
         events=events,
         last_guard=jnp.where(passes, end.guard, motion.last_guard),
         last_event=jnp.where(jumps, t, motion.last_event),
         grazing=motion.grazing | (jumps & done.decision.grazing),
+        unreported=motion.unreported + (jumps & silent),
         rejected=motion.rejected,
         first_step=first_step,
         status=_status(motion, end, full, again, Status.where(passes, done.decision.status, Status.running)),
@@ -101,5 +115,5 @@ def _status(motion: Motion, end: SegmentEnd, full, again, decided: Status) -> St
     ended = Status.where(motion.status == Status.running, reached, motion.status)
     status = Status.where(end.event, motion.status, ended)
     status = Status.where(decided == Status.running, status, decided)
-    status = Status.where(end.event & again, Status.contact_stays_closed, status)
+    status = Status.where(end.event & again, Status.event_repeats, status)
     return Status.where(end.event & full, Status.max_events_reached, status)

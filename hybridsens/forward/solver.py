@@ -44,7 +44,8 @@ class ProjectedSolver(diffrax.AbstractSolver):
         del made_jump  # the projection moved the state, so what the solver remembers of its last stage is stale
         y1, error, dense_info, state, result = self.solver.step(terms, t0, t1, y0, args, solver_state, True)
         system, mode = args
-        return system.project(t1, y1, mode), error, dense_info, state, result
+        y1, moved = system.project_with_error(t1, y1, mode)
+        return y1, error + moved, dense_info, state, result
 
 
 UNROLLED_OPERATIONS = 60
@@ -114,3 +115,13 @@ def one_step(solver: diffrax.AbstractSolver, system, mode, t0, t1, x0):
     args = (system, mode)
     state = solver.init(TERM, t0, t1, x0, args)
     return solver.step(TERM, t0, t1, x0, args, state, jnp.array(False))[0]
+
+
+def step_with_error(solver: diffrax.AbstractSolver, system, mode, t0, t1, x0):
+    """The state after one step before it is projected on its mode's constraints, and the estimate of its error."""
+    if isinstance(solver, ExplicitRungeKutta):
+        return solver.advance_with_error(system, mode, t0, t1, x0)
+    inner = solver.solver if isinstance(solver, ProjectedSolver) else solver
+    args = (system, mode)
+    state = inner.init(TERM, t0, t1, x0, args)
+    return inner.step(TERM, t0, t1, x0, args, state, jnp.array(False))[:2]

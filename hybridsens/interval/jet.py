@@ -168,7 +168,8 @@ def chosen(truth: Truth, a: Jet, b: Jet, kink: bool) -> Jet:
             return None
         zero = point(jnp.zeros_like(a.value.low + b.value.low))
         x, y = x or zero, y or zero
-        between = hull(x, y) if joined else point(jnp.full_like(zero.low, jnp.nan))
+        unknown = jnp.full(zero.low.shape, jnp.nan, jnp.result_type(zero.low.dtype, float))  # no integer is nan
+        between = hull(x, y) if joined else point(unknown)
         pick = lambda u, v, w: jnp.where(doubt, w, jnp.where(truth.sure, u, v))
         return Interval(pick(x.low, y.low, between.low), pick(x.high, y.high, between.high))
 

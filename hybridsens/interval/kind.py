@@ -76,6 +76,8 @@ def _is_linear(name: str, operands) -> bool:
     fixed = [not x.any() for x in operands]
     if name in {"mul", "dot_general"}:
         return any(fixed)
+    if name == "select_n":  # by the mode, say
+        return fixed[0]
     return name in SUMS | LINEAR_SHAPES | PICKS | {"convert_element_type"} or (name == "div" and fixed[1])
 
 

@@ -6,41 +6,22 @@ import os
 
 import jax
 import jax.numpy as jnp
+import lineax as lx
+from jax import lax
 
-from ..short import all_of
+from ..numerics.small_arrays import all_of
 from ..status import Status
+from ..validation.returned import returned_array, returned_leaves
 from .contact import gap_and_rate
-from .dense import pivots
+from .mass import ConstantMass, is_positive_definite, mass_entries
 from .mode import ContactMode, gap_tolerance
-from .returned import returned_array, returned_leaves
 from .scene import AbstractScene, State
 
 
-def real_array(name: str, value, ndim: int) -> jax.Array:
-    """`value` as an array of real numbers with so many axes. Raises: TypeError or ValueError with its name."""
-    try:
-        array = jnp.asarray(float(value) if isinstance(value, int) else value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise TypeError(f"`{name}` must hold real numbers, but is {type(value).__name__}.") from error
-    if not any(jnp.issubdtype(array.dtype, kind) for kind in (jnp.floating, jnp.integer, jnp.bool_)):
-        raise TypeError(f"`{name}` must hold real numbers, but has type {array.dtype}.")
-    if array.ndim != ndim:
-        expected = ["()", "(sample,)"][ndim]
-        raise ValueError(f"`{name}` must have shape {expected}, but has shape {array.shape}.")
-    return array
+def check_shapes(scene: AbstractScene, state: State, running_cost) -> bool:
+    """Raise ValueError or TypeError where the scene's functions do not fit the state or each other.
 
-
-def real_tolerance(name: str, value):
-    """A positive number, or a scalar array whose value is looked at when the motion runs."""
-    if isinstance(value, jax.Array):
-        return real_array(name, value, 0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1e308:
-        raise ValueError(f"`{name}` must be a positive number, but is {value!r}.")
-    return float(value)
-
-
-def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
-    """Raise ValueError or TypeError where the scene's functions do not fit the state or each other."""
+    Returns: whether all of them return the type of the state."""
     if not isinstance(scene, AbstractScene):
         raise TypeError(f"`scene` must be a hybridsens.AbstractScene, but is {type(scene).__name__}.")
     if not isinstance(state, State):
@@ -54,21 +35,23 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> None:
     dof = q.shape[0]
     t = jax.ShapeDtypeStruct((), q.dtype)
     if running_cost is not None and not callable(running_cost):
-        raise TypeError(
-            f"`running_cost` must be a function of (scene, t, q, v), but is {type(running_cost).__name__}."
-        )
+        raise TypeError(f"`running_cost` must be a function of (scene, t, q, v), but is {type(running_cost).__name__}.")
     gap = returned_array("gap", scene.gap, t, q)
     if gap.ndim != 1:
         raise ValueError(f"`gap` must return an array of shape (contact,), but returns shape {gap.shape}.")
-    if gap.dtype != q.dtype:
+    if jnp.finfo(gap.dtype).bits < jnp.finfo(q.dtype).bits:  # its rounding is what events are told by
         raise TypeError(
-            f"`gap` must return {q.dtype}, the type of the state, but returns {gap.dtype}: give both one type."
+            f"`gap` must return {q.dtype}, the type of the state, but returns {gap.dtype}, which is coarser: give both "
+            "one type."
         )
-    _must_be("mass_matrix", returned_array("mass_matrix", scene.mass_matrix, q), (dof, dof))
-    _must_be("force", returned_array("force", scene.force, t, q, v), (dof,))
-    _must_be("restitution", returned_array("restitution", scene.restitution), gap.shape)
+    returned = [
+        _must_be("mass_matrix", returned_mass(scene, q), (dof, dof)),
+        _must_be("force", returned_array("force", scene.force, t, q, v), (dof,)),
+        _must_be("restitution", returned_array("restitution", scene.restitution), gap.shape),
+    ]
     if running_cost is not None and not returned_leaves("running_cost", running_cost, scene, t, q, v):
         raise TypeError("`running_cost` must return real numbers, but returns nothing.")
+    return all(function.dtype == q.dtype for function in [gap, *returned])
 
 
 def check_room(max_events: int, max_steps: int, state: State) -> None:
@@ -92,16 +75,15 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status
 
     Asked at the start (`event` -1), and again at every event, where the gaps are the business of the laws.
     """
-    mass_matrix = scene.mass_matrix(q)
+    mass = scene.mass_matrix(q)
     gap, rate = gap_and_rate(scene, t, q, v)
     e = scene.restitution()
-    size = jnp.max(jnp.abs(mass_matrix))
-    symmetric = jnp.max(jnp.abs(mass_matrix - mass_matrix.T)) <= 1e3 * jnp.finfo(q.dtype).eps * size
-    values = jnp.concatenate([q, v, jnp.ravel(mass_matrix), gap, rate, scene.force(t, q, v), t[None]])
+    entries = [jnp.ravel(part) for part in jax.tree.leaves(mass_entries(mass))]
+    values = jnp.concatenate([q, v, *entries, gap, rate, scene.force(t, q, v), t[None]])
     requirements = (
-        (Status.penetration, (event >= 0) | all_of(gap >= -gap_tolerance(mode.length))),
+        (Status.penetration, (event != -1) | all_of(gap >= -gap_tolerance(mode.length))),
         (Status.bad_restitution, all_of((e >= 0) & (e <= 1))),
-        (Status.bad_mass_matrix, symmetric & all_of(pivots(mass_matrix) > 0)),
+        (Status.bad_mass_matrix, _definite(mass, event)),
         (Status.non_finite, all_of(jnp.isfinite(values))),
     )
     status = Status.running
@@ -110,9 +92,38 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status
     return status
 
 
-def _must_be(name: str, returned: jax.ShapeDtypeStruct, expected) -> None:
+def returned_mass(scene: AbstractScene, q) -> jax.ShapeDtypeStruct:
+    """Shape and type of the mass matrix: an array, or a linear operator from coordinates to coordinates.
+
+    Raises: TypeError or ValueError where it is neither, or where an operator does not fit itself."""
+
+    def as_array(q):
+        mass = scene.mass_matrix(q)
+        if not isinstance(mass, lx.AbstractLinearOperator):
+            return mass
+        sizes = mass.out_size(), mass.in_size()
+        if mass.in_structure() != mass.out_structure() or len(jax.tree.leaves(mass.in_structure())) != 1:
+            raise ValueError(
+                "`mass_matrix` must return an array or a lineax operator of one vector (dof,) to another, but the "
+                f"operator maps {mass.in_structure()} to {mass.out_structure()}."
+            )
+        parts = jax.tree.leaves(mass_entries(mass))
+        return jnp.zeros(sizes, parts[0].dtype if parts else q.dtype)
+
+    return returned_array("mass_matrix", as_array, q)
+
+
+def _definite(mass, event):
+    """Whether the mass matrix is positive definite; of one that never changes it is asked once."""
+    if not isinstance(mass, ConstantMass):
+        return is_positive_definite(mass)
+    return lax.cond(event < 0, lambda: is_positive_definite(mass), lambda: jnp.array(True))
+
+
+def _must_be(name: str, returned: jax.ShapeDtypeStruct, expected) -> jax.ShapeDtypeStruct:
     if returned.shape != expected:
         raise ValueError(f"`{name}` must return an array of shape {expected}, but returns shape {returned.shape}.")
+    return returned
 
 
 @functools.cache

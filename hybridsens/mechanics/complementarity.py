@@ -1,13 +1,14 @@
 """The linear complementarity problem that stands for Gauss's principle (T2) and for the impact law (T3)."""
 
-import jax
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from ..precision import closeness
-from ..short import all_of, product
-from .dense import solve_masked
+from ..numerics.dense import pivoted_on, principal_pivot
+from ..numerics.small_arrays import any_of
+from ..numerics.tolerances import closeness
 
 
 def complementarity_support(
@@ -21,47 +22,56 @@ def complementarity_support(
         0 <= x _|_ W x + b >= 0   on the candidates, x = 0 elsewhere,   W = W^T >= 0.
 
     Active sets in the manner of Lawson and Hanson (1974, ch. 23), for the problem's quadratic programme: take in
-    the candidate that is violated most, solve with equality on S, and let go what would turn negative. A column that
-    depends on those of S is never taken in: so W_SS is regular even where W is singular, and a problem without a
-    solution (two walls that close on a body) ends with a set that is regular. `noise` is how large a residual
-    rounding alone can make. Nothing here is differentiated: S is piecewise constant, and x_S = -W_SS^-1 b_S is solved
-    again where its derivative is wanted.
+    the candidate that is violated most, solve with equality on S, and let go what would turn negative. One tableau
+    is kept, with a principal pivot, O(n^2), for each contact that comes: it holds x_S, the residual, and what
+    is left of every column. A column that depends on those of S is never taken in: so W_SS is regular even where W is
+    singular, and a problem without a solution (two walls that close on a body) ends with a set that is regular.
+    `noise` is how large a residual rounding alone can make. Nothing here is differentiated: S is piecewise constant,
+    and x_S = -W_SS^-1 b_S is solved again where its derivative is wanted.
     """
     matrix, vector, noise = lax.stop_gradient((matrix, vector, noise))
-    if vector.shape[0] == 0:
+    n = vector.shape[0]
+    if n == 0:
         return candidates
-    if vector.shape[0] == 1:
+    if n == 1:
         return candidates & (vector < -noise)
+    least = closeness(matrix.dtype) * jnp.diag(matrix)
 
-    def take_in(S, x):
-        residual = product(matrix, x) + vector
-        violation = jnp.where(candidates & ~S & _independent(matrix, S), residual + noise, jnp.inf)
-        worst = jnp.argmin(violation)
-        finished = violation[worst] >= 0
-        return jnp.where(finished, S, S.at[worst].set(True)), finished
-
-    def let_go(S, x, target):
-        negative = S & (target <= 0)
+    def turn(carry: _Search):
+        T, S, x, _, count = carry
+        value, left = T[:, n], jnp.diagonal(T)  # of members: x; of the others: residual, and what is left of W
+        negative = S & (value <= 0)
+        feasible = ~any_of(negative)
+        violation = jnp.where(candidates & ~S & (left > least), value + noise, jnp.inf)
+        target = jnp.where(S, value, 0)
         fraction = jnp.where(negative, x / jnp.where(negative, x - target, 1), jnp.inf)
-        step = jnp.min(fraction)
-        x = x + step * (target - x)
-        S = S & ~(negative & (fraction <= step))
-        return S, jnp.where(S, x, 0)
+        k = jnp.where(feasible, jnp.argmin(violation), jnp.argmin(fraction))
+        finished = feasible & (violation[k] >= 0)
+        chosen = jnp.arange(n) == k
+        part_of_the_way = jnp.where(chosen, 0, x + fraction[k] * (target - x))
+        x = jnp.where(feasible, target, part_of_the_way)
+        S = jnp.where(chosen & ~finished, feasible, S)  # taken in, or let go
+        # To pivot a member out again would bring back the rounding of all that was pivoted in: begin anew without it.
+        again = lambda: pivoted_on(untouched, S)
+        T = lax.cond(feasible, lambda: jnp.where(finished, T, principal_pivot(T, k)), again)
+        return _Search(T, S, x, finished, count + 1)
 
-    def body(carry):
-        S, x, _, count = carry
-        target = solve_masked(matrix, -vector, S.astype(vector.dtype))
-        feasible = all_of(~S | (target > 0))
-        S_out, x_out = let_go(S, x, target)
-        S_in, finished = take_in(S, target)
-        S_next = jnp.where(feasible, S_in, S_out)
-        return S_next, jnp.where(feasible, target, x_out), feasible & finished, count + 1
+    no_contact = jnp.zeros_like(candidates)
+    untouched = jnp.column_stack([matrix, vector])
+    start = _Search(untouched, no_contact, jnp.zeros_like(vector), jnp.array(False), jnp.array(0))
+    return lax.while_loop(lambda carry: ~carry.finished & (carry.count < 4 * n + 4), turn, start).S
 
-    def unfinished(carry):
-        return ~carry[2] & (carry[3] < 4 * vector.shape[0] + 4)
 
-    start = (jnp.zeros_like(candidates), jnp.zeros_like(vector), jnp.array(False), 0)
-    return lax.while_loop(unfinished, body, jax.tree.map(jnp.asarray, start))[0]
+class _Search(NamedTuple):
+    """Where the search for S stands."""
+
+    tableau: Float[Array, "n columns"]
+    """(W, b), pivoted on S."""
+    S: Bool[Array, "n"]
+    x: Float[Array, "n"]
+    """The last point with x >= 0."""
+    finished: Bool[Array, ""]
+    count: Int[Array, ""]
 
 
 def independent_superset(
@@ -69,13 +79,18 @@ def independent_superset(
 ) -> Bool[Array, "n"]:
     """S and as many of the candidates as W keeps regular: what rests on three feet rests on the fourth."""
     matrix = lax.stop_gradient(matrix)
-    take = lambda i, S: S.at[i].set(S[i] | (candidates[i] & _independent(matrix, S)[i]))
-    return lax.fori_loop(0, S.shape[0], take, S)
+    least = closeness(matrix.dtype) * jnp.diag(matrix)
 
+    def next_one(T, inside):
+        """S comes first; then who is left and does not depend on those inside."""
+        eligible = (S | candidates) & ~inside & (S | (jnp.diagonal(T) > least))
+        return jnp.argmax(jnp.where(eligible, 1 + S, 0)), any_of(eligible)
 
-def _independent(matrix, S):
-    """Columns that do not depend on those of S: what is left of the diagonal of W when S is eliminated."""
-    members = S.astype(matrix.dtype)
-    explained = jax.vmap(lambda column: column @ solve_masked(matrix, column, members), in_axes=1)(matrix)
-    diagonal = jnp.diag(matrix)
-    return diagonal - explained > closeness(matrix.dtype) * diagonal
+    def take(carry):
+        T, inside, k, _ = carry
+        T, inside = principal_pivot(T, k), inside | (jnp.arange(inside.shape[0]) == k)
+        return T, inside, *next_one(T, inside)
+
+    no_contact = jnp.zeros_like(S)
+    start = (matrix, no_contact, *next_one(matrix, no_contact))
+    return lax.while_loop(lambda carry: carry[3], take, start)[1]

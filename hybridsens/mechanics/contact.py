@@ -5,7 +5,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .dense import solve_spd
+from .few import SomeContacts
+from .mass import solve_mass
 from .scene import AbstractScene
 
 
@@ -20,8 +21,10 @@ def gap_rate_and_bias(scene: AbstractScene, t, q, v) -> tuple[Float[Array, "cont
 
 
 def contact_jacobian(scene: AbstractScene, t, q) -> Float[Array, "contact dof"]:
-    """dPhi/dq, the paper's G transposed."""
-    return jax.jacfwd(scene.gap, argnums=1)(t, q)
+    """dPhi/dq, the paper's G transposed: by rows where there are far more coordinates than contacts."""
+    contacts = jax.eval_shape(scene.gap, t, q).shape[0]
+    derivative = jax.jacrev if 4 * contacts <= q.shape[0] and isinstance(scene, SomeContacts) else jax.jacfwd
+    return derivative(scene.gap, argnums=1)(t, q)
 
 
 class ContactGeometry(eqx.Module):
@@ -38,5 +41,5 @@ class ContactGeometry(eqx.Module):
 def contact_geometry(scene: AbstractScene, t, q) -> ContactGeometry:
     """G^T, M^-1 G and W = G^T M^-1 G at (t, q)."""
     jacobian = contact_jacobian(scene, t, q)
-    mobility = solve_spd(scene.mass_matrix(q), jacobian.T)
+    mobility = solve_mass(scene.mass_matrix(q), jacobian.T)
     return ContactGeometry(jacobian, mobility, jacobian @ mobility)

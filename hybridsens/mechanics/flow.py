@@ -1,19 +1,23 @@
 """Motion inside a mode: accelerations with the multipliers of the closed contacts eliminated (T1)."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..short import any_of
+from ..numerics.dense import solve_masked
+from ..numerics.small_arrays import any_of
 from .contact import contact_geometry, gap_and_rate, gap_rate_and_bias
-from .dense import solve_masked, solve_spd
+from .few import among_few
+from .mass import solve_mass
 from .scene import AbstractScene
 
 
 def free_acceleration(scene: AbstractScene, t, q, v) -> Float[Array, "dof"]:
     """M^-1 F: the acceleration with every contact open."""
-    return solve_spd(scene.mass_matrix(q), scene.force(t, q, v))
+    return solve_mass(scene.mass_matrix(q), scene.force(t, q, v))
 
 
 def contact_multiplier(
@@ -23,11 +27,15 @@ def contact_multiplier(
 
     W_AA lambda_A = -(G_A^T M^-1 F + gamma_A),   v' = M^-1 (F + G_A lambda_A)   (T1); lambda = 0 outside A.
     """
-    geometry = contact_geometry(scene, t, q)
-    _, bias = gap_rate_and_bias(scene, t, q, v)
-    gap_acceleration = geometry.jacobian @ free + bias
-    multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
-    return multiplier, geometry.mobility @ multiplier
+
+    def among(scene, active):
+        geometry = contact_geometry(scene, t, q)
+        _, bias = gap_rate_and_bias(scene, t, q, v)
+        gap_acceleration = geometry.jacobian @ free + bias
+        multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
+        return multiplier, geometry.mobility @ multiplier
+
+    return among_few(scene, active, among, active, jnp.zeros(active.shape, q.dtype))
 
 
 def acceleration(scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]) -> Float[Array, "dof"]:
@@ -59,16 +67,36 @@ def multipliers_and_rates(scene: AbstractScene, t, q, v, active: Bool[Array, "co
     return multiplier, rates(jnp.ones_like(t), v, a)[0]
 
 
+class Projected(NamedTuple):
+    """A state on its constraints, and how far off them it was."""
+
+    q: Float[Array, "dof"]
+    v: Float[Array, "dof"]
+    gap_error: Float[Array, "contact"]
+    """Phi_A - held gap before; 0 for other contacts."""
+    rate_error: Float[Array, "contact"]
+    """Phi'_A before."""
+
+
 def project_to_contacts(
     scene: AbstractScene, t, q, v, active: Bool[Array, "contact"], held_gap: Float[Array, "contact"]
-) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
+) -> Projected:
     """The nearest state (in the kinetic metric, one Newton iteration each) with Phi_A = held gap and Phi'_A = 0.
 
     Without it the index-reduced equations (T1) let a held gap drift off by the integration error.
     """
-    members = active.astype(q.dtype)
-    geometry = contact_geometry(scene, t, q)
-    q = q - geometry.mobility @ solve_masked(geometry.delassus_matrix, scene.gap(t, q) - held_gap, members)
-    _, rate = gap_and_rate(scene, t, q, v)  # at the new q; what the geometry moved meanwhile is of second order
-    v = v - geometry.mobility @ solve_masked(geometry.delassus_matrix, rate, members)
-    return q, v
+
+    def among(scene, given):
+        active, held_gap = given
+        members = active.astype(q.dtype)
+        geometry = contact_geometry(scene, t, q)
+        gap_error = jnp.where(active, scene.gap(t, q) - held_gap, 0)
+        moved = q - geometry.mobility @ solve_masked(geometry.delassus_matrix, gap_error, members)
+        _, rate = gap_and_rate(scene, t, moved, v)  # what the geometry changed meanwhile is of second order
+        rate_error = jnp.where(active, rate, 0)
+        turned = v - geometry.mobility @ solve_masked(geometry.delassus_matrix, rate_error, members)
+        return (gap_error, rate_error), (moved, turned)
+
+    nothing = jnp.zeros(active.shape, q.dtype)
+    errors, moved = among_few(scene, active, among, (active, held_gap), (nothing, nothing))
+    return Projected(*moved, *errors)

@@ -5,11 +5,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..precision import closeness
-from ..short import product
+from ..numerics.dense import solve_masked
+from ..numerics.small_arrays import product
+from ..numerics.tolerances import closeness
 from .complementarity import complementarity_support
 from .contact import ContactGeometry, gap_rate_and_bias
-from .dense import solve_masked
 from .flow import free_acceleration
 from .scene import AbstractScene
 
@@ -30,19 +30,25 @@ def impact_impulse(
     return solve_masked(geometry.delassus_matrix, -(1 + restitution) * rate, support.astype(rate.dtype))
 
 
-def settling_impulse(geometry: ContactGeometry, rate, settled: Bool[Array, "contact"]) -> Float[Array, "contact"]:
+def settling_impulse(
+    geometry: ContactGeometry, rate, brought_to_rest: Bool[Array, "contact"]
+) -> Float[Array, "contact"]:
     """Impulses with phi'+ = 0 on the settled contacts, of either sign."""
-    return solve_masked(geometry.delassus_matrix, -rate, settled.astype(rate.dtype))
+    return solve_masked(geometry.delassus_matrix, -rate, brought_to_rest.astype(rate.dtype))
 
 
 def transition_impulse(
-    geometry: ContactGeometry, rate, restitution, support: Bool[Array, "contact"], settled: Bool[Array, "contact"]
+    geometry: ContactGeometry,
+    rate,
+    restitution,
+    support: Bool[Array, "contact"],
+    brought_to_rest: Bool[Array, "contact"],
 ) -> Float[Array, "contact"]:
     """All impulses of an event: those of the impact, then those that bring the settled contacts to rest."""
     impulse = impact_impulse(geometry, rate, restitution, support)
     if rate.shape[0] == 1:  # one contact has no neighbour to settle with
         return impulse
-    return impulse + settling_impulse(geometry, rate + geometry.delassus_matrix @ impulse, settled)
+    return impulse + settling_impulse(geometry, rate + geometry.delassus_matrix @ impulse, brought_to_rest)
 
 
 def impulse_support(

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..precision import closeness
+from ..numerics.tolerances import closeness
 
 
 class EventKind(enum.IntEnum):

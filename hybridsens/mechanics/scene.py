@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import lineax as lx
 from jaxtyping import Array, Float
 
 
@@ -34,9 +35,30 @@ class AbstractScene(eqx.Module):
     """Set to False in a scene whose contacts never stay closed: then no multiplier is solved for and no release
     is watched. A contact that would stay closed all the same ends the run with a status."""
 
+    coordinates: ClassVar[tuple[str, ...] | None] = None
+    """Names of the entries of q, with units in brackets, ("position [m]", "angle [rad]"): for tables and pictures."""
+
+    contacts: ClassVar[tuple[str, ...] | None] = None
+    """Names of the gaps, ("floor", "wall"): for tables and pictures."""
+
+    known_discontinuities: ClassVar[bool] = False
+    """Set to True in a scene whose functions have kinks or jumps in t, q or v that do no harm: then no
+    `DiscontinuityWarning` tells of them. A guard against a division by zero, `jnp.where(r > 0, r, 1)`, is such a one:
+    its trace looks like that of a jump."""
+
     @abc.abstractmethod
-    def mass_matrix(self, q: Float[Array, "dof"]) -> Float[Array, "dof dof"]:
-        """Symmetric positive definite mass matrix M(q) [kg, kg m^2]."""
+    def mass_matrix(self, q: Float[Array, "dof"]) -> Float[Array, "dof dof"] | lx.AbstractLinearOperator:
+        """Symmetric positive definite mass matrix M(q) [kg, kg m^2]: an array, or a `lineax` operator that knows more.
+
+        - `lineax.DiagonalLinearOperator(m)` of masses m (dof,): M^-1 F is a division, in place of an elimination.
+        - `lineax.TridiagonalLinearOperator(diagonal, lower, upper)`: O(dof), in place of O(dof^3).
+        - `lineax.IdentityLinearOperator`: nothing is solved.
+        - Any other one is made an array.
+
+        An array that does not depend on q is told from the trace and inverted once; the identity is seen through.
+        Symmetry and definiteness are asked at the start, and at every event where M depends on q: status
+        `bad_mass_matrix`.
+        """
 
     @abc.abstractmethod
     def force(self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, "dof"]:

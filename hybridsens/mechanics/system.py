@@ -10,17 +10,26 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..hybrid import AbstractHybridSystem, Decision, Searched, StepEnds
+from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
-from ..short import any_of
-from .clearance import gap_kinds, search_gaps
+from ..numerics.small_arrays import any_of
+from ..numerics.tolerances import closeness
+from ..search.path import Path
+from ..search.stretches import gap_kinds, search_gaps
+from ..status import Status
 from .contact import contact_geometry, gap_and_rate
+from .corners import is_not_smooth
+from .few import among_few
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import transition_impulse
-from .mode import ContactMode
-from .path import Path
+from .mode import ContactMode, gap_tolerance
 from .resets import ImpactDetail, decide_transition
 from .scene import AbstractScene
+from .typed import Fixed, as_written, number
+
+ROUNDED = 8
+"""A contact that closes may be off by the tolerance of its gap and by the margin that it had before, and by what counts
+as no rate; a projection by no more than so many times that is not counted as an error."""
 
 
 class ImpactReport(NamedTuple):
@@ -32,18 +41,20 @@ class ImpactReport(NamedTuple):
     """-Phi' of the contact that was met, just before; 0 at a release [m/s]."""
 
 
-class MechanicalSystem(AbstractHybridSystem):
+class MechanicalSystem(AbstractFlatSystem):
     """State x = (q, v, z) with z' = running cost; guard i is the gap of contact i, or its multiplier while it is
     held."""
 
     scene: AbstractScene
     running_cost: Callable[..., Any] | None
     """running_cost(scene, t, q, v): a scalar or a PyTree; None where there is none."""
-    capture_speed: float = eqx.field(static=True)
+    capture_speed: float | Fixed
     """Rebound speed, relative to the contact's fastest impact so far, below which it is captured."""
     dof: int = eqx.field(static=True)
     depth: tuple[Any, Any] = (0.0, 0.0)
     """(relative, absolute) penetration that the tolerances can resolve: a touch less deep is grazing."""
+    jump_ts: Float[Array, "jump"] | None = None
+    """Times at which a force or a gap has a kink or a jump."""
     free: bool = eqx.field(default=False, static=True)
     """Whether this is the system as it moves while every contact is open."""
 
@@ -56,9 +67,12 @@ class MechanicalSystem(AbstractHybridSystem):
         q, v, _ = self.split(x)
         constrained = lambda: acceleration(self.scene, t, q, v, mode.active)
         parts = [v, free_acceleration(self.scene, t, q, v) if self.free else constrained()]
-        if self.running_cost is not None:
-            parts += [jnp.ravel(leaf) for leaf in jax.tree.leaves(self.running_cost(self.scene, t, q, v))]
+        parts += [jnp.ravel(leaf) for leaf in jax.tree.leaves(self.cost_rate(t, q, v))]
         return jnp.concatenate([part.astype(x.dtype) for part in parts])
+
+    def cost_rate(self, t, q, v):
+        """Running cost at one instant, with its structure; None where there is none."""
+        return None if self.running_cost is None else self.running_cost(as_written(self.scene), t, q, v)
 
     def guards(self, t, x, mode: ContactMode):
         """Phi_i where the contact is open, lambda_i where it is held."""
@@ -88,7 +102,7 @@ class MechanicalSystem(AbstractHybridSystem):
 
     def searches(self, t, x):
         """Whether a gap is curved: what is affine in (t, q) cannot dip unseen. Told from the trace of the gaps."""
-        return bool((gap_kinds(self.scene, t, self.split(x)[0])[0] >= Kind.CURVED).any())
+        return bool((gap_kinds(self.scene.gap, t, self.split(x)[0])[0] >= Kind.CURVED).any())
 
     def search(self, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
         """The gaps of open contacts, along the cubic through the ends of the step and within what it may be off."""
@@ -97,7 +111,7 @@ class MechanicalSystem(AbstractHybridSystem):
         path = Path.through(step.t0, step.t1, q0, v0, q1, v1)
         speed = jnp.maximum(mode.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
         doubt = path.doubt(self.split(step.error)[0], step.order) * path.h * speed
-        return search_gaps(self.scene, path, step, tolerance + doubt, ~mode.held, wanted)
+        return search_gaps(self.scene.gap, path, step, tolerance + doubt, ~mode.held, wanted)
 
     def scales(self, t, x, mode: ContactMode):
         """|G|^T |q| and |G|^T |v|, the largest so far; a multiplier's scale is not known and counts as 0."""
@@ -105,13 +119,14 @@ class MechanicalSystem(AbstractHybridSystem):
 
     def grazing_depth(self, mode: ContactMode):
         """What the tolerances leave of the gap of an open contact."""
-        relative, absolute = self.depth
+        relative, absolute = map(number, self.depth)
         return jnp.where(mode.held, -1, relative * mode.length + absolute)
 
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
         """Impact, capture or release, and who is held after it; see `decide_transition`."""
         q, v, _ = self.split(x)
-        return decide_transition(self.scene, self.capture_speed, self.depth, event, t, q, v, mode)
+        depth = tuple(map(number, self.depth))
+        return decide_transition(self.scene, number(self.capture_speed), depth, event, t, q, v, mode)
 
     def choose(self, event, t, x, mode: ContactMode) -> Decision:
         """The contacts that the initial state holds closed are chosen by the same laws (T2), without an impact."""
@@ -121,27 +136,62 @@ class MechanicalSystem(AbstractHybridSystem):
         """v+ = v- + M^-1 G P, q and z unchanged (1.7), (T3); emits the impulses and the closing speed."""
         q, v, _ = self.split(x)
         detail: ImpactDetail = decision.detail
-        geometry = contact_geometry(self.scene, t, q)
-        _, rate = gap_and_rate(self.scene, t, q, v)
-        restitution = jnp.where(detail.plastic, 0, self.scene.restitution())
-        impulse = transition_impulse(geometry, rate, restitution, detail.support, detail.settled)
-        closing_speed = jnp.sum(jnp.where(detail.fired, -rate, 0))
-        after = x.at[self.dof : 2 * self.dof].add(geometry.mobility @ impulse)
+
+        def among(scene, detail: ImpactDetail):
+            geometry = contact_geometry(scene, t, q)
+            _, rate = gap_and_rate(scene, t, q, v)
+            restitution = jnp.where(detail.plastic, 0, scene.restitution())
+            impulse = transition_impulse(geometry, rate, restitution, detail.support, detail.brought_to_rest)
+            return impulse, (geometry.mobility @ impulse, jnp.sum(jnp.where(detail.triggered, -rate, 0)))
+
+        wanted = detail.triggered | detail.support | detail.brought_to_rest
+        impulse, (kick, closing_speed) = among_few(self.scene, wanted, among, detail, jnp.zeros(wanted.shape, x.dtype))
+        after = x.at[self.dof : 2 * self.dof].add(kick)
         return after, ImpactReport(impulse, closing_speed)
+
+    def jump_times(self):
+        """Those declared, by the caller or by the scene."""
+        return self.jump_ts
+
+    def projects(self, mode: ContactMode):
+        """Whether there can be held contacts."""
+        return not self.free and self.scene.sustained_contact and mode.active.shape[0] > 0
 
     def project(self, t, x, mode: ContactMode):
         """Held contacts back to Phi = 0 and Phi' = 0."""
-        if self.free or not self.scene.sustained_contact or mode.active.shape[0] == 0:
+        if not self.projects(mode):
             return x
 
         def projected():
             q, v, z = self.split(x)
-            return jnp.concatenate([*project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap), z])
+            found = project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap)
+            return jnp.concatenate([found.q, found.v, z])
 
         return lax.cond(any_of(mode.active), projected, lambda: x)
 
+    def project_with_error(self, t, x, mode: ContactMode):
+        """What rounding leaves in a gap or in a rate is no error of a step: no shorter step would mend it."""
+        nothing = jnp.zeros_like(x)
+        if not self.projects(mode):
+            return x, nothing
+
+        def projected():
+            q, v, z = self.split(x)
+            found = project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap)
+            drifts = any_of(jnp.abs(found.gap_error) > ROUNDED * gap_tolerance(mode.length))
+            turns = any_of(jnp.abs(found.rate_error) > ROUNDED * closeness(x.dtype) * mode.speed)
+            moved = [jnp.where(drifts, found.q - q, 0), jnp.where(turns, found.v - v, 0), jnp.zeros_like(z)]
+            return jnp.concatenate([found.q, found.v, z]), jnp.concatenate(moved)
+
+        return lax.cond(any_of(mode.active), projected, lambda: (x, nothing))
+
+    def stuck(self, t, x, mode: ContactMode) -> Status:
+        """A gap that jumps or has a corner is told from forces that are stiff."""
+        q, v, _ = self.split(x)
+        return Status.where(is_not_smooth(self.scene, t, q, v, mode), Status.gap_not_smooth, Status.step_size_underflow)
+
     def unconstrained(self, mode: ContactMode):
         """While every contact is open, v' = M^-1 F: no multipliers, nothing to project."""
-        if self.free or not self.scene.sustained_contact or mode.active.shape[0] == 0:
+        if not self.projects(mode):
             return None
         return ~any_of(mode.active), dataclasses.replace(self, free=True)

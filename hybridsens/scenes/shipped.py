@@ -15,6 +15,11 @@ def parameter(default: float):
     return eqx.field(default=default, converter=lambda value: jnp.asarray(value, jnp.result_type(float)))
 
 
+def scalars(*values) -> tuple[Array, ...]:
+    """Numbers as scalar parameters."""
+    return tuple(jnp.asarray(value, jnp.result_type(float)) for value in values)
+
+
 class ShippedScene(AbstractScene):
     """A scene that can be run as it is: `simulate(scene, scene.initial_state(), t1=scene.t1)`."""
 

@@ -1,0 +1,169 @@
+"""The backward pass over the steps of one segment: as recorded, or cut where psi or dJ/dtheta need shorter ones."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from ..numerics.small_arrays import computed_once
+from ..numerics.tolerances import time_resolution
+from ..xla.packed import pack
+from .control import DerivativeControl, is_noise
+from .segment_steps import Steps
+from .step_adjoint import StepAdjoint, StepBack
+
+
+class Cotangents(NamedTuple):
+    """Derivatives of the cost by everything that is reported of a motion; None where there is none."""
+
+    final: Float[Array, "state"]
+    """By the final state."""
+    time: Float[Array, "event"] | None
+    before: Float[Array, "event state"] | None
+    after: Float[Array, "event state"] | None
+    emitted: Any
+    samples: Float[Array, "sample state"] | None
+    """By the states at `ts`."""
+
+
+class BackwardPass(NamedTuple):
+    """What the backward pass is made from; constant while it runs."""
+
+    parameters: Any
+    static: Any
+    carry_back: StepAdjoint
+    control: DerivativeControl
+    bar: Cotangents
+    ts: Float[Array, "sample"] | None
+
+
+class Costate(NamedTuple):
+    """Where the backward pass stands."""
+
+    psi: Float[Array, "state"]
+    by_dt: Float[Array, ""]
+    """What an event that came at once hands on to the one before."""
+    total: Any
+    """dJ/dtheta so far, packed."""
+    gathered: Any
+    """The same without cancellation: what its error is measured by."""
+    worst: Any
+    """Largest error of any step in it."""
+    peak: Float[Array, ""]
+    """The largest size that psi had."""
+    foreseen: Any
+    """What will have been gathered at least, by an earlier sweep."""
+    strict: Array
+    """Whether every step must resolve what it adds to dJ/dtheta."""
+    data: Int[Array, ""]
+    """How many data times lie before."""
+    tries: Int[Array, ""]
+    """Steps tried."""
+
+
+class Place(NamedTuple):
+    """Where the backward pass stands inside of a segment."""
+
+    k: Int[Array, ""]
+    """The recorded step."""
+    right: Float[Array, ""]
+    """How far psi has come."""
+    width: Float[Array, ""]
+    """Longest step to try; inf for as long as the recorded one."""
+    t: Float[Array, ""]
+    """A time inside of the recorded step,"""
+    x: Float[Array, "state"]
+    """and the state there."""
+
+
+def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -> Costate:
+    """Adjoint of the steps of one segment, from its end: each recorded step at once, or in as many as are needed.
+
+    A turn of the loop tries one step. Where that one starts inside of a recorded step, the turn before has found the
+    state there, by a step from the recorded one: the motion is resolved, so any shorter step follows it."""
+    control, record = backward.control, steps.record
+
+    def body(carry):
+        place, costate = carry
+        start = record.t[place.k]
+        left = _left_end(backward, start, place, costate.data)
+        whole = left == start
+        locates = ~whole & (place.t != left)
+        t0, t1 = jnp.where(locates, start, left), jnp.where(locates, left, place.right)
+        x0 = jnp.where(whole | locates, record.x[place.k], place.x)
+        psi = jnp.where(locates, 0, costate.psi)
+        go = lambda: _carry_back(backward, steps.mode, t0, t1, x0, psi)
+        step = computed_once(costate.tries >= 0, go)
+        gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, step.total)
+        judge = lambda: _judge(backward, x0, costate._replace(psi=psi, gathered=gathered), step, t1 - t0, place.width)
+        accepted, width, size = computed_once(costate.tries >= 0, judge)
+        accepted = (accepted | (t1 - t0 <= time_resolution(t1, 2))) & ~locates
+        total = jax.tree.map(jnp.add, costate.total, step.total)
+        psi, data = _add_data(backward, left, step.psi, costate.data)
+        worst = costate.worst
+        peak = jnp.maximum(costate.peak, size)
+        if step.total_error is not None:
+            counts = ~is_noise(size, peak)
+            larger = lambda known, new: jnp.maximum(known, (counts * jnp.abs(new)).astype(new.dtype))
+            worst = jax.tree.map(larger, worst, step.total_error)
+        moved = costate._replace(psi=psi, total=total, gathered=gathered, worst=worst, peak=peak, data=data)
+        costate = jax.tree.map(lambda new, old: jnp.where(accepted, new, old), moved, costate)
+        at_once = accepted & whole & (place.right == jnp.where(place.k + 1 < steps.last, record.t[place.k + 1], end))
+        width = jnp.where(at_once, jnp.inf, jnp.where(locates, place.width, width))
+        place = Place(
+            jnp.where(accepted & whole, place.k - 1, place.k), jnp.where(accepted, left, place.right),
+            width, jnp.where(locates, left, place.t), jnp.where(locates, step.x1, place.x),
+        )  # fmt: skip
+        return place, costate._replace(tries=costate.tries + 1)
+
+    def goes_on(carry):
+        place, costate = carry
+        return (place.k >= steps.first) & (costate.tries < control.most_tries)
+
+    never = jnp.full_like(end, jnp.inf)
+    place = Place(steps.last - 1, end, never, never, jnp.zeros_like(costate.psi))
+    return lax.while_loop(goes_on, body, (place, costate))[1]
+
+
+def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
+    """One step back. What it adds to dJ/dtheta is packed: the arithmetic of the control then is that of few arrays."""
+    step = backward.carry_back(backward.parameters, backward.static, mode, t0, t1, x0, psi)
+    error = None if step.total_error is None else pack(step.total_error)
+    return step._replace(total=pack(step.total), total_error=error)
+
+
+def _left_end(backward: BackwardPass, start, place: Place, data):
+    """Where the step back ends: at the recorded step's start, at a data time, or as far as it may go."""
+    cut = backward.control.cut(place.width)
+    left = jnp.where(place.right - start <= place.width, start, place.right - cut)
+    if backward.ts is None:
+        return left
+    next_data = jnp.where(data > 0, backward.ts[jnp.maximum(data - 1, 0)], -jnp.inf)
+    return jnp.minimum(jnp.maximum(left, next_data), place.right)
+
+
+def _add_data(backward: BackwardPass, t, psi, data):
+    """psi- = psi+ + c_x at a data time."""
+    if backward.ts is None or backward.bar.samples is None:
+        return psi, data
+    row = jnp.maximum(data - 1, 0)
+    here = (data > 0) & (backward.ts[row] >= t)
+    return psi + jnp.where(here, backward.bar.samples[row], 0), data - here
+
+
+def _judge(backward: BackwardPass, x, costate: Costate, step: StepBack, h, width):
+    """Whether a step back resolves what it carries, and the longest step to try next."""
+    if step.psi_error is None:
+        return jnp.array(True), width, costate.peak
+    control = backward.control
+    ratio, size = control.of_costate(x, costate.psi, step.psi, step.psi_error, costate.peak)
+
+    def of_gradient():
+        scale = jax.tree.map(jnp.maximum, costate.gathered, costate.foreseen).unpack()
+        return control.of_gradient(backward.parameters, scale, step.total_error.unpack(), costate.peak)
+
+    looks = costate.strict & ~is_noise(size, costate.peak)
+    ratio = jnp.maximum(ratio, lax.cond(looks, of_gradient, lambda: jnp.zeros_like(ratio)))
+    return *control.judge(ratio, h, width), size

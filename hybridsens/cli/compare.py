@@ -1,0 +1,30 @@
+"""`hybridsens compare`: gradient methods side by side on a ready-made scene."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .models import HELP, file_name, runnable
+
+
+def compare(
+    scene: Annotated[str, typer.Argument(help=HELP)] = "elastic-stop",
+    tolerance: Annotated[float, typer.Option(help="rtol and atol of the methods with error control.")] = 1e-8,
+    steps: Annotated[int, typer.Option(help="Steps of the methods with a fixed step.")] = 10_000,
+    output: Annotated[Path | None, typer.Option(help="Picture. Default: hybridsens-compare-SCENE.png here.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Also write the table to this CSV file.")] = None,
+) -> None:
+    """Gradients by this package and by naive automatic differentiation: errors, times, memory. Ctrl-C keeps rows."""
+    from ..comparison.compare import compare as run  # matplotlib and the baselines are needed by this command only
+    from ..comparison.compare_plot import plot_comparison
+
+    chosen = runnable(scene)
+    result = run(chosen, tolerance=tolerance, steps=steps)
+    print(f"{scene}: J = int running_cost dt at tolerance {tolerance:g}, {steps} fixed steps\n\n{result}\n")
+    if csv is not None:
+        result.to_csv(csv)
+        print(f"table: {csv}")
+    output = output or Path(f"hybridsens-compare-{file_name(scene)}.png")
+    plot_comparison(result).savefig(output, dpi=150)
+    print(f"picture: {output}")

@@ -1,0 +1,109 @@
+"""`hybridsens fit`: parameters of a scene from a CSV file."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .models import HELP, model
+
+
+def fit(
+    scene: Annotated[str, typer.Argument(help=HELP)],
+    data: Annotated[Path, typer.Option(help="CSV file with a header: t, then columns q0, v0, ...; sigma_q0, ...")],
+    parameters: Annotated[str, typer.Option(help="What to fit: a,b,...")],
+    columns: Annotated[str, typer.Option(help="Columns to use: q0,v0,... Default: all.")] = "",
+    guess: Annotated[list[str] | None, typer.Option(help="NAME=VALUE, the scene's default otherwise.")] = None,
+    bound: Annotated[list[str] | None, typer.Option(help="NAME=LO:HI, an end may be empty; NAME=positive.")] = None,
+    sigma: Annotated[float | None, typer.Option(help="Of every value, if the file has no sigma_ columns.")] = None,
+    optimizer: Annotated[
+        str, typer.Option(help="levenberg-marquardt, gauss-newton, lbfgs or adam.")
+    ] = "levenberg-marquardt",
+    robust: Annotated[float | None, typer.Option(help="Residuals beyond so many sigmas count linearly.")] = None,
+    starts: Annotated[int, typer.Option(help="Descend from so many points around the guess.")] = 1,
+    grow: Annotated[bool, typer.Option(help="Fit the beginning first, then longer and longer parts.")] = False,
+    skip_missing: Annotated[bool, typer.Option(help="Leave empty cells out instead of refusing them.")] = False,
+    max_iterations: Annotated[int, typer.Option(help="Room for iterations.")] = 100,
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="JSON file that keeps the best values at any time; a fit goes on from it.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of data, fit and residuals to write.")] = None,
+    quiet: Annotated[bool, typer.Option(help="Print the result alone, no iterations.")] = False,
+) -> None:
+    """Fit parameters of a scene to measurements and print them with their intervals.
+
+    Ctrl-C ends it with the best point so far.
+    """
+    from ..estimation import GrowingHorizon, read_measurements
+    from ..estimation import fit as run_fit
+
+    names = _split(columns)
+    record = read_measurements(data, columns=names or None, sigma=sigma,
+                               missing="skip" if skip_missing else "raise")  # fmt: skip
+    result = run_fit(
+        _with_guess(model(scene), guess or []), record, parameters=_split(parameters),
+        bounds=dict(_bound(text) for text in bound or []), optimizer=optimizer, robust=robust, starts=starts,
+        strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations, progress=not quiet,
+        checkpoint=checkpoint,
+    )  # fmt: skip
+    print(result)
+    if plot is not None:
+        result.plot().savefig(plot, dpi=120)
+        print(f"picture: {plot}")
+    if not result.converged:
+        raise typer.Exit(1)
+
+
+def _with_guess(scene: Any, guesses: list[str]) -> Any:
+    import jax.numpy as jnp
+
+    from ..estimation.parameters import select
+    from ..estimation.prepare import concrete
+    from ..parameters import parameter_places
+
+    if not guesses:
+        return scene
+    scene = concrete(scene)  # numbers that a class gives as plain Python floats are parameters too
+    pairs, known = [_guess(text) for text in guesses], list(parameter_places(scene))
+    selection = select(scene, [_known(name, known) for name, _ in pairs])
+    numbers = [number for _, numbers in pairs for number in numbers]
+    if len(numbers) != len(selection.labels):
+        raise typer.BadParameter(
+            f"the guesses must have a number for each of {', '.join(selection.labels)}, but have {len(numbers)}"
+        )
+    return selection.insert(scene, jnp.asarray(numbers))
+
+
+def _guess(text: str) -> tuple[str, list[float]]:
+    name, _, numbers = text.partition("=")
+    try:
+        return name.strip(), [float(part) for part in numbers.split(",")]
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"a guess must have the form NAME=NUMBER, or NAME=NUMBER,NUMBER,... for an array, but is {text!r}"
+        ) from error
+
+
+def _known(name: str, known: list[str]) -> str:
+    from ..validation.spelling import did_you_mean
+
+    if name not in known:
+        raise typer.BadParameter(
+            f"a guess must have a name among {', '.join(known)}, but has {name!r}.{did_you_mean(name, known)}"
+        )
+    return name
+
+
+def _bound(text: str) -> tuple[str, Any]:
+    name, _, ends = text.partition("=")
+    if ends == "positive":
+        return name, ends
+    try:
+        low, high = (float(end) if end else None for end in ends.split(":"))
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} must have the form NAME=LO:HI or NAME=positive") from error
+    return name, (low, high)
+
+
+def _split(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]

@@ -1,0 +1,72 @@
+"""Scenes and systems by name: a ready-made one, or a class of the user's own in a file."""
+
+import importlib.util
+import inspect
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from ..mechanics.scene import AbstractScene
+from ..scenes import SCENES
+from ..system import AbstractHybridSystem
+from ..systems import SYSTEMS
+from ..validation.spelling import did_you_mean
+
+READY_MADE: dict[str, Any] = {**SCENES, **SYSTEMS}
+"""Name -> class."""
+HELP = "A name from `hybridsens scenes`, or path/to/file.py:Class for a scene or a system of your own."
+
+
+def model(name: str) -> Any:
+    """A scene or a system with its default parameters. Raises: typer.BadParameter if there is none."""
+    if name in READY_MADE:
+        return READY_MADE[name]()
+    file, _, class_name = name.rpartition(":")
+    if not file:
+        raise typer.BadParameter(
+            f"there is no scene {name!r}; choose {', '.join(READY_MADE)} or path/to/file.py:Class."
+            f"{did_you_mean(name, READY_MADE)}"
+        )
+    if not Path(file).is_file():
+        raise typer.BadParameter(f"there is no file {file}")
+    return _class(file, class_name)()
+
+
+def file_name(name: str) -> str:
+    """What files of results are named after."""
+    return name.rpartition(":")[2]
+
+
+def runnable(name: str) -> Any:
+    """A model that says by itself where it starts, how long it runs and what it costs."""
+    found = model(name)
+    missing = [part for part in ("initial_state", "t1", "running_cost") if not hasattr(found, part)]
+    if missing:
+        raise typer.BadParameter(
+            f"{name} must have {', '.join(missing)}: derive it from hybridsens.scenes.ShippedScene or "
+            "hybridsens.systems.ShippedSystem"
+        )
+    return found
+
+
+def _class(file: str, name: str) -> Any:
+    module = _load(Path(file))
+    kinds = (AbstractScene, AbstractHybridSystem)
+    models = {key: value for key, value in vars(module).items() if inspect.isclass(value) and issubclass(value, kinds)}
+    if name not in models:
+        own = [key for key, value in models.items() if value.__module__ == module.__name__]
+        raise typer.BadParameter(
+            f"{file} must have a hybridsens.AbstractScene or AbstractHybridSystem {name!r}, but has "
+            f"{', '.join(own) or 'none at all'}.{did_you_mean(name, own)}"
+        )
+    return models[name]
+
+
+def _load(path: Path) -> Any:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise typer.BadParameter(f"{path} must be a Python file")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

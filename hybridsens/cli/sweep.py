@@ -1,0 +1,106 @@
+"""`hybridsens sweep`: value and gradient of a ready-made scene over a grid or a random design of its parameters."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .models import HELP, runnable
+
+_Vary = Annotated[list[str], typer.Option(help="NAME=LOW:HIGH:COUNT; a design other than a grid takes NAME=LOW:HIGH.")]
+
+
+def sweep(
+    scene: Annotated[str, typer.Argument(help=HELP)],
+    vary: _Vary,
+    output: Annotated[
+        Path, typer.Option(help="A .zarr store, streamed to and resumed, or a .nc file written at the end.")
+    ],
+    design: Annotated[str, typer.Option(help="grid, random, latin-hypercube, sobol or saltelli.")] = "grid",
+    points: Annotated[
+        int, typer.Option(help="Number of points of a design other than a grid (saltelli: its base).")
+    ] = 1024,
+    seed: Annotated[int, typer.Option(help="Seed of a random design.")] = 0,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the maps to write (a grid of two parameters).")] = None,
+    t1: Annotated[float | None, typer.Option(help="End of the horizon. Default: the scene's own.")] = None,
+    tolerance: Annotated[float, typer.Option(help="Relative and absolute tolerance of the integration.")] = 1e-8,
+    max_events: Annotated[int, typer.Option(help="Room for events at each point.")] = 64,
+    max_steps: Annotated[int, typer.Option(help="Room for steps at each point.")] = 2048,
+    chunk: Annotated[int, typer.Option(help="Points run and written at once.")] = 8192,
+) -> None:
+    """Run a scene at many points on all cores: J, its gradient, status and events of each."""
+    from ..sweeps import plot_sweep
+    from ..sweeps import sweep as run_sweep
+
+    _use_all_cores()
+    if output.suffix not in (".zarr", ".nc"):
+        raise typer.BadParameter(f"{output} must end in .zarr or .nc")
+    nominal = runnable(scene)
+    chosen = _design(nominal, vary, design, points, seed)
+    cost = _cost(nominal.t1 if t1 is None else t1, tolerance, max_events, max_steps)
+    store = output if output.suffix == ".zarr" else None
+    dataset = run_sweep(cost, chosen, store=store, chunk=chunk)
+    if store is None:
+        dataset.to_netcdf(output)
+    print(f"results: {output}")
+    if plot is not None:
+        plot_sweep(dataset).savefig(plot, dpi=120)
+        print(f"picture: {plot}")
+
+
+def _use_all_cores() -> None:
+    from ..configure import configure
+
+    try:
+        configure(host_devices=os.cpu_count())
+    except RuntimeError:  # JAX has started already (in a test, say): then with the devices that it has
+        return
+
+
+def _cost(t1, tolerance, max_events, max_steps):
+    from ..comparison.functional import ready_made_motion
+    from ..comparison.move import move
+
+    settings = dict(t1=t1, rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps, throw=False)
+
+    def cost(scene):
+        motion = ready_made_motion(scene, move, **settings)
+        return motion.cost, motion
+
+    return cost
+
+
+def _design(scene, vary: list[str], kind: str, points: int, seed: int):
+    import numpy as np
+
+    from ..sweeps import designs
+
+    ranges = dict(_range(text) for text in vary)
+    if kind == "grid":
+        short = [name for name, numbers in ranges.items() if len(numbers) != 3]
+        if short:
+            raise typer.BadParameter(f"a grid needs NAME=LOW:HIGH:COUNT for {', '.join(short)}")
+        return designs.grid(
+            scene, {name: np.linspace(low, high, int(count)) for name, (low, high, count) in ranges.items()}
+        )
+    makers = {
+        "random": designs.random,
+        "latin-hypercube": designs.latin_hypercube,
+        "sobol": designs.sobol,
+        "saltelli": designs.saltelli,
+    }
+    if kind not in makers:
+        raise typer.BadParameter(f"the design must be one of grid, {', '.join(makers)}, but is {kind!r}")
+    return makers[kind](scene, {name: (numbers[0], numbers[1]) for name, numbers in ranges.items()}, points, seed)
+
+
+def _range(text: str) -> tuple[str, list[float]]:
+    name, _, numbers = text.partition("=")
+    try:
+        values = [float(part) for part in numbers.split(":")]
+    except ValueError:
+        values = []
+    if len(values) not in (2, 3) or (len(values) == 3 and (values[2] < 1 or values[2] != int(values[2]))):
+        raise typer.BadParameter(f"{text!r} must have the form NAME=LOW:HIGH or NAME=LOW:HIGH:COUNT")
+    return name, values

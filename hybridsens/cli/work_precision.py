@@ -1,0 +1,59 @@
+"""`hybridsens work-precision`: accuracy against time on a ready-made scene."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .models import HELP, file_name, runnable
+
+METHODS = ("Replay", "ForwardSensitivities", "ContinuousCostate", "DiffraxAdjoint")
+
+
+def work_precision(
+    scene: Annotated[str, typer.Argument(help=HELP)] = "elastic-stop",
+    solver: Annotated[list[str] | None, typer.Option(help="Name of a Diffrax solver; repeat for more.")] = None,
+    method: Annotated[list[str] | None, typer.Option(help=f"One of {', '.join(METHODS)}; repeat for more.")] = None,
+    single: Annotated[bool, typer.Option(help="Measure float32 as well.")] = True,
+    target: Annotated[float, typer.Option(help="Gradient error to recommend a setting for.")] = 1e-6,
+    output: Annotated[Path | None, typer.Option(help="Picture. Default: work-precision-SCENE.png here.")] = None,
+    points: Annotated[
+        Path | None, typer.Option(help="Points, .csv or .parquet, written one by one. Default: beside the picture.")
+    ] = None,
+    resume: Annotated[bool, typer.Option(help="Go on with the points that are in the file.")] = False,
+) -> None:
+    """Errors of J and of its gradient against time per gradient, and the setting to choose. Ctrl-C keeps the points."""
+    from ..comparison.work_precision import work_precision as run  # matplotlib is needed by these commands only
+    from ..comparison.work_precision_plot import plot_work_precision
+    from ..comparison.work_precision_points import TARGETS
+
+    chosen = runnable(scene)
+    output = output or Path(f"work-precision-{file_name(scene)}.png")
+    points = points or output.with_suffix(".csv")
+    dtypes = ("float64", "float32") if single else ("float64",)
+    solvers = [_solver(name) for name in solver or ("Bosh3", "Tsit5", "Dopri8")]
+    methods = [_method(name) for name in method or ("Replay", "ForwardSensitivities")]
+    study = run(chosen, solvers=solvers, methods=methods, dtypes=dtypes, path=points, resume=resume)
+    print(f"{scene}: J = int running_cost dt\n\n{study}")
+    if target not in TARGETS:
+        print(study.advice(target))
+    print(f"\npoints: {points}")
+    plot_work_precision(study).savefig(output, dpi=150)
+    print(f"picture: {output}")
+
+
+def _solver(name: str) -> Any:
+    import diffrax
+
+    solver = getattr(diffrax, name, None)
+    if not (isinstance(solver, type) and issubclass(solver, diffrax.AbstractAdaptiveSolver)):
+        raise typer.BadParameter(f"Diffrax has no solver with an error estimate of the name {name!r}")
+    return solver()
+
+
+def _method(name: str) -> Any:
+    from ..adjoint import methods
+
+    if name not in METHODS:
+        raise typer.BadParameter(f"there is no gradient method {name!r}; choose one of {', '.join(METHODS)}")
+    return getattr(methods, name)()

@@ -1,0 +1,112 @@
+"""A chain of Diffrax solves that end at events, as one writes it without an adjoint for events.
+
+The physics is this package's own (modes, impact law, Gauss's principle). What differs is how a segment's end is found,
+and that plain automatic differentiation goes through all of it.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jax import lax
+from jaxtyping import Array, Float
+
+from ...mechanics.resets import initial_mode
+from ...mechanics.scene import AbstractScene, State
+from ...mechanics.system import MechanicalSystem
+from ...mechanics.trajectory import Events
+from .motion import BaselineMotion, flat_problem
+
+SolveSegment = Callable[..., diffrax.Solution]
+"""(system, mode, t, x, t1, tolerance, max_steps, saveat) -> solution that ended at the first event or at t1."""
+
+
+MAX_STEPS = 4096
+"""Room for the steps of one segment."""
+
+
+class Place(NamedTuple):
+    """Where a motion stands."""
+
+    t: Float[Array, ""]
+    x: Float[Array, "state"]
+    mode: Any
+
+
+def first_event(root_finder: optx.AbstractRootFinder | None) -> diffrax.Event:
+    """Ends a solve where the smallest guard falls through zero; without a root finder at the end of that step."""
+
+    def smallest_guard(t, y, args, **_):
+        system, mode = args
+        return jnp.min(system.guards(t, y, mode), initial=jnp.inf)
+
+    return diffrax.Event(smallest_guard, root_finder, direction=False)
+
+
+def diffrax_solve(
+    system: MechanicalSystem, mode, t, x, t1, tolerance, max_steps, saveat, event=None
+) -> diffrax.Solution:  # fmt: skip
+    """One `diffeqsolve` in a fixed mode."""
+    return diffrax.diffeqsolve(
+        diffrax.ODETerm(lambda t, x, args: args[0].flow(t, x, args[1])), diffrax.Tsit5(), t, t1, None, x,
+        args=(system, mode), stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+        saveat=saveat, event=event, max_steps=max_steps,
+    )  # fmt: skip
+
+
+def event_chain(
+    scene: AbstractScene, state: State, t0, t1, ts, running_cost, solve_segment: SolveSegment, tolerance: float,
+    max_events: int,
+) -> BaselineMotion:  # fmt: skip
+    """Motion as `max_events + 1` solves in a row. A motion with more events comes back as NaN."""
+    system, x0, structured = flat_problem(scene, state, t0, running_cost)
+    t0, t1 = (jnp.asarray(t, x0.dtype) for t in (t0, t1))
+    ts = None if ts is None else jnp.asarray(ts, x0.dtype)
+    saveat = diffrax.SaveAt(t1=True, dense=ts is not None)
+
+    def segment(carry, _):
+        here, samples = carry
+        solution = solve_segment(system, here.mode, here.t, here.x, t1, tolerance, MAX_STEPS, saveat)
+        assert solution.ts is not None and solution.ys is not None
+        t, before = solution.ts[-1], solution.ys[-1]
+        if ts is not None:
+            samples = _fill(samples, ts, here.t, t, t1, solution)
+        there, event = pass_event(system, Place(t, before, here.mode), t < t1)
+        return (there, samples), event
+
+    start = Place(t0, x0, lax.stop_gradient(initial_mode(scene, t0, state.q, state.v, tolerance)))
+    samples = None if ts is None else jnp.zeros((ts.shape[0], x0.shape[0]), x0.dtype)
+    (end, samples), rows = lax.scan(segment, (start, samples), length=max_events + 1)
+    q, v, z = system.split(jnp.where(end.t >= t1, end.x, jnp.nan))
+    q_samples, v_samples = (None, None) if samples is None else system.split(samples)[:2]
+    events = Events(**rows, count=jnp.sum(rows["kind"] >= 0))
+    return BaselineMotion(State(q, v), structured(z), ts, q_samples, v_samples, events)
+
+
+def pass_event(system: MechanicalSystem, place: Place, happened) -> tuple[Place, dict[str, Any]]:
+    """Reset the state at the contact whose guard is smallest, if the segment ended in an event; and the event's row."""
+    t, x, mode = place
+    contact = jnp.argmin(system.guards(t, x, mode))
+    decision = lax.stop_gradient(system.decide(contact, t, x, mode))
+    after, report = system.reset(decision, t, x)
+    after = jnp.where(happened, after, x)
+    before_q, before_v, _ = system.split(x)
+    after_q, after_v, _ = system.split(after)
+    row = dict(
+        time=jnp.where(happened, t, jnp.inf), kind=jnp.where(happened, decision.kind, -1),
+        contact=jnp.where(happened, contact, -1), before=State(before_q, before_v), after=State(after_q, after_v),
+        impulse=jnp.where(happened, report.impulse, 0),
+        closing_speed=jnp.where(happened, report.closing_speed, 0), order_matters=happened & decision.order_matters,
+    )  # fmt: skip
+    next_mode = jax.tree.map(lambda new, old: jnp.where(happened, new, old), decision.mode, mode)
+    return Place(t, after, next_mode), row
+
+
+def _fill(samples, ts, t_start, t_end, t1, solution):
+    """States at those `ts` that the segment spans, from its dense output."""
+    inside = (ts >= t_start) & ((ts < t_end) | (t_end >= t1))
+    states = jax.vmap(solution.evaluate)(jnp.clip(ts, t_start, t_end))
+    return jnp.where(inside[:, None], states, samples)

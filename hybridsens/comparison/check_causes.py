@@ -1,0 +1,168 @@
+"""Why a gradient is in doubt, and what to do about it."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..mechanics.discontinuities import REMEDIES
+from ..mechanics.trajectory import Events
+from ..status import Status
+from .check_events import EventCheck
+from .check_grazing import grazes
+from .check_motions import BreakFound, Call
+
+if TYPE_CHECKING:
+    from .check_gradient import ParameterCheck
+
+NEAR = 1e-6
+"""An event this part of the horizon away from a time asked for happens at that time."""
+
+
+class Cause(NamedTuple):
+    """One likely cause of a doubt."""
+
+    kind: str
+    """"step control", "motion", "discontinuity", "grazing", "simultaneous impacts", "event at a data time" or
+    "unexplained"."""
+    parameters: tuple[str, ...]
+    """In which parameters it is to be looked for."""
+    events: tuple[str, ...]
+    """And in which events, by their labels in the report."""
+    reason: str
+    remedy: str
+
+
+class Doubts(NamedTuple):
+    """What is in doubt."""
+
+    parameters: tuple[str, ...]
+    events: tuple[EventCheck, ...]
+
+    def cause(self, kind: str, reason: str, remedy: str, events: Sequence[EventCheck] = ()) -> Cause:
+        """A cause that may lie behind every parameter, and behind the given ones of the events."""
+        return Cause(kind, self.parameters, tuple(entry.label for entry in events), reason, remedy)
+
+
+def find_causes(
+    parameters: Sequence["ParameterCheck"],
+    events: Sequence[EventCheck],
+    calls: Sequence[Call],
+    resolved: dict[str, bool],
+    settings: dict[str, Any],
+) -> tuple[Cause, ...]:
+    """Likely causes of all doubts; none where all agree.
+
+    `resolved` has the parameters that are off the reference, and whether the steps resolve the derivative there.
+    """
+    steps = tuple(name for name, ok in resolved.items() if not ok)
+    doubts = Doubts(
+        tuple(entry.parameter for entry in parameters if entry.verdict and entry.parameter not in steps),
+        tuple(entry for entry in events if entry.verdict),
+    )
+    causes = [_step_control(steps)] if steps else []
+    if any(doubts):
+        others = [cause for n, call in enumerate(calls) for cause in _of_motion(doubts, n, call, settings)]
+        causes += others or _elsewhere(doubts, resolved)
+    return tuple(causes)
+
+
+def _step_control(names: tuple[str, ...]) -> Cause:
+    reason = "the steps do not resolve the derivative: with shorter ones it is another"
+    remedy = (
+        "leave the error control of the derivative on (`rtol` of the gradient method), or tighten it; where a gradient "
+        "is nan, its steps did not suffice: raise `max_steps`"
+    )
+    return Cause("step control", names, (), reason, remedy)
+
+
+def _elsewhere(doubts: Doubts, resolved: dict[str, bool]) -> list[Cause]:
+    """Causes where no motion shows one: it is not resolved, or the derivative is that of another function."""
+    off = tuple(name for name in doubts.parameters if name in resolved)
+    rest = doubts._replace(parameters=tuple(name for name in doubts.parameters if name not in off))
+    reason = "the motion is not resolved: with another solver and tighter tolerances the gradient is another"
+    motion = Cause("motion", off, (), reason, "tighten `rtol` and `atol`, or shorten the horizon")
+    return ([motion] if off else []) + ([_unexplained(rest)] if any(rest) else [])
+
+
+def _of_motion(doubts: Doubts, number: int, call: Call, settings) -> list[Cause]:
+    here = doubts._replace(events=tuple(entry for entry in doubts.events if entry.motion == number))
+    if not any(here):
+        return []
+    found = [_discontinuity(here, call.breaks), _at_data_time(here, number, call)]
+    if isinstance(call.events, Events):  # of contacts more is known
+        found += [_simultaneous(here, number, call), _grazing(here, number, call, settings)]
+    return [cause for cause in found if cause is not None]
+
+
+def _discontinuity(doubts: Doubts, breaks: Sequence[BreakFound]) -> Cause | None:
+    if not breaks:
+        return None
+    names = {b.function: [] for b in breaks}
+    for b in breaks:
+        names[b.function].append(f"{b.operation} of {' and '.join(b.inputs)}")
+    told = "; ".join(f"`{name}` has {', '.join(those)}" for name, those in names.items())
+    needed = {
+        "time": any("t" in b.inputs for b in breaks),
+        "gap": "gap" in names,
+        "state": any(set(b.inputs) - {"t"} and b.function != "gap" for b in breaks),
+    }
+    remedy = " ".join(text for key, text in REMEDIES.items() if needed[key]).rstrip(".")
+    reason = f"a kink or a jump that no event or declared time tells of: {told}"
+    return doubts.cause("discontinuity", reason, remedy[0].lower() + remedy[1:], doubts.events)
+
+
+def _simultaneous(doubts: Doubts, number: int, call: Call) -> Cause | None:
+    rows = np.flatnonzero(np.asarray(call.events.order_matters)).tolist()
+    if not rows:
+        return None
+    reason = (
+        f"impacts of several contacts at one instant ({_labels(number, rows)}), whose order decides the outcome: "
+        "there is no derivative, only one-sided ones"
+    )
+    remedy = "move the parameters or the initial state off this corner, or leave this motion out"
+    return doubts.cause("simultaneous impacts", reason, remedy, _those_with(doubts, rows))
+
+
+def _at_data_time(doubts: Doubts, number: int, call: Call) -> Cause | None:
+    """A state asked for at the instant of an impact jumps from one side to the other when a parameter moves."""
+    horizon = call.t0, call.t1
+    asked = np.concatenate([np.asarray(horizon), np.asarray(call.ts if call.ts is not None else [])])
+    times = np.asarray(call.events.time)[: int(call.events.count)]
+    distance = np.abs(times[:, None] - asked)
+    rows, columns = np.nonzero(distance <= NEAR * float(call.t1 - call.t0))
+    if not doubts.parameters or rows.size == 0:
+        return None
+    instants = ", ".join(f"{t:.6g}" for t in sorted(set(asked[columns].tolist())))
+    reason = (
+        f"an event ({_labels(number, sorted(set(rows.tolist())))}) at a time at which the state is asked for or the "
+        f"horizon ends (t = {instants}): what is asked for is before it or after it, for the least change"
+    )
+    return doubts.cause("event at a data time", reason, "move that time off the event, or leave that sample out")
+
+
+def _grazing(doubts: Doubts, number: int, call: Call, settings) -> Cause | None:
+    found = grazes(call, settings)
+    if not found and call.status != Status.grazing:
+        return None
+    rows = [graze.event for graze in found if graze.event is not None]
+    strikes = [f"event {number}:{g.event} closes at {g.speed:.1e} of the fastest" for g in found if g.event is not None]
+    misses = [f"contact {g.contact} is missed narrowly near t = {g.time:.6g}" for g in found if g.event is None]
+    told = "; ".join(strikes + misses) or "the motion has status `grazing`"
+    reason = f"near grazing: {told}. Sensitivities grow like 1 / closing speed, and the event comes and goes"
+    remedy = "move the parameters away from grazing, or trust the gradient only for changes smaller than its distance"
+    return doubts.cause("grazing", reason, remedy, _those_with(doubts, rows))
+
+
+def _unexplained(doubts: Doubts) -> Cause:
+    reason = "none of those that are looked for; most often a derivative that is not that of its function"
+    remedy = "look for `stop_gradient`, `custom_jvp` or a kink of the cost itself, where these parameters enter"
+    return doubts.cause("unexplained", reason, remedy, doubts.events)
+
+
+def _those_with(doubts: Doubts, rows: Sequence[int]) -> list[EventCheck]:
+    return [entry for entry in doubts.events if set(rows) & set(entry.events)]
+
+
+def _labels(number: int, rows: Sequence[int]) -> str:
+    return ", ".join(f"{number}:{k}" for k in rows)

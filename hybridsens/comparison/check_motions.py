@@ -1,0 +1,98 @@
+"""The motions that a checked cost asked for, with what tells later why a gradient is in doubt."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..mechanics.discontinuities import scene_breaks
+from ..mechanics.scene import AbstractScene
+from ..mechanics.trajectory import Events
+from ..parameters import FlatParameters
+from ..status import Status
+from .functional import Cost
+from .move import move
+
+
+class BreakFound(NamedTuple):
+    """A kink or a jump that a function of the scene has, and no event or declared time tells of."""
+
+    function: str
+    operation: str
+    inputs: str
+    """Which of t, q, v its place depends on, as in "tq"."""
+    jump: bool
+
+
+class Call(NamedTuple):
+    """One motion that a cost asked for."""
+
+    scene: Any
+    """A scene, or a hybrid system."""
+    state: Any
+    t0: Float[Array, ""]
+    t1: Float[Array, ""]
+    events: Any
+    """`Events` of a scene, `SolutionEvents` of a system."""
+    status: Status
+    ts: Float[Array, "sample"] | None
+    """Times at which states were asked for."""
+    jump_ts: Float[Array, "jump"] | None
+    """Times of jumps that were declared in the call."""
+    breaks: tuple[BreakFound, ...]
+
+
+def value_with_calls(parameters: FlatParameters, cost: Cost, settings) -> Callable:
+    """vector -> (J, the motions that it came from), compiled."""
+
+    def value(vector):
+        calls = []
+
+        def recording(scene, state, *mode, t0=0.0, t1, ts=None, jump_ts=None, **asked):
+            horizon = dict(t0=t0, t1=t1, ts=ts, jump_ts=jump_ts)
+            motion = move(scene, state, *mode, **horizon, throw=False, **(settings | asked))
+            ts, jump_ts = (None if times is None else jnp.asarray(times) for times in (ts, jump_ts))
+            t0, t1 = jnp.asarray(t0), jnp.asarray(t1)
+            breaks = _undeclared_breaks(scene, state, t0, jump_ts, asked.get("running_cost"))
+            calls.append(Call(scene, state, t0, t1, motion.events, motion.status, ts, jump_ts, breaks))
+            return motion
+
+        return cost(parameters.rebuild(vector), recording), tuple(calls)
+
+    return eqx.filter_jit(value)
+
+
+def on_sequence(value: Callable, nominal: tuple[Call, ...]) -> Callable:
+    """J where the motions have the nominal sequence of events, nan where they do not."""
+
+    def same(call: Call, known: Call) -> bool:
+        return bool(call.status == Status.successful) and all(map(np.array_equal, _which(call), _which(known)))
+
+    def restricted(vector):
+        J, calls = value(jnp.asarray(vector))
+        return float(J) if all(map(same, calls, nominal)) else np.nan
+
+    return restricted
+
+
+def _which(call: Call) -> tuple:
+    """What tells one sequence of events from another."""
+    events = call.events
+    return (events.kind, events.contact) if isinstance(events, Events) else (events.guard,)
+
+
+def _undeclared_breaks(scene, state, t0, jump_ts, running_cost) -> tuple[BreakFound, ...]:
+    if not isinstance(scene, AbstractScene):
+        return ()
+    declared = jump_ts is not None or hasattr(scene, "jump_times")
+    found = scene_breaks(scene, t0, state.q, state.v, running_cost)
+    listed = {
+        BreakFound(name, b.operation, "".join(i for i in "tqv" if i in b.inputs), b.jump)
+        for name, those in found.items()
+        for b in those
+        if not (declared and b.inputs == {"t"})
+    }
+    return tuple(sorted(listed))

@@ -1,0 +1,47 @@
+"""A gradient check as text."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .check_causes import Cause
+    from .check_events import EventCheck
+    from .check_gradient import GradientCheck, ParameterCheck
+
+
+EVENTS = f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>8}{'closing speed':>14}" + (
+    f"{'determinant':>13}{'expected':>13}"
+)
+
+
+def format_check(check: "GradientCheck") -> str:
+    """One line for each parameter and for each event, and a last line that sums up."""
+    width = max(len(entry.parameter) for entry in check.parameters) + 2
+    columns = f"{'adjoint':>18}{'forward':>18}{'differences':>18}{'+-':>9}{'reference':>18}"
+    lines = [f"{'gradient by':{width}}{columns}"]
+    lines += [_parameter_line(entry, width) for entry in check.parameters]
+    lines += ["", EVENTS] if check.events else []
+    lines += [_event_line(entry) for entry in check.events]
+    wrong = [entry.parameter for entry in check.parameters if entry.verdict]
+    events = [entry.label for entry in check.events if entry.verdict]
+    if check.ok:
+        return "\n".join([*lines, "", "All agree."])
+    doubt = f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}."
+    return "\n".join([*lines, "", doubt, *map(_cause_line, check.causes)])
+
+
+def _parameter_line(entry: "ParameterCheck", width: int) -> str:
+    numbers = "".join(f"{slope:>18.10g}" for slope in (entry.adjoint, entry.forward, entry.differences))
+    between = f"{entry.uncertainty:>9.1e}{entry.reference:>18.10g}"
+    return f"{entry.parameter:{width}}{numbers}{between}  {entry.verdict}".rstrip()
+
+
+def _event_line(entry: "EventCheck") -> str:
+    return (
+        f"{entry.label:>7}{entry.time:>13.6f}{entry.kind.name.lower():>9}{entry.contact:>8}"
+        f"{entry.closing_speed:>14.4g}{entry.determinant:>13.6g}{entry.expected:>13.6g}  {entry.verdict}"
+    ).rstrip()
+
+
+def _cause_line(cause: "Cause") -> str:
+    where = (", ".join(cause.parameters), f"events {', '.join(cause.events)}" if cause.events else "")
+    return f"Likely cause for {'; '.join(filter(None, where))}: {cause.reason}. What to do: {cause.remedy}."

@@ -1,0 +1,182 @@
+"""Gradient methods side by side on one scene: what each gives, and what each costs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from rich.progress import track
+
+from ..adjoint.methods import AbstractGradientMethod, Replay
+from ..export.html import preformatted
+from ..parameters import FlatParameters, flatten_parameters
+from ..system import AbstractHybridSystem
+from .compare_table import format_comparison, write_csv
+from .differentiate import value_and_gradient
+from .failure import reason
+from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end
+from .gradient_methods import (
+    DEFAULT_ADJOINTS,
+    GradientMethod,
+    differences,
+    from_adjoint,
+    naive_methods,
+    naive_methods_of_systems,
+    our_methods,
+)
+from .timing import first_call, planned_memory, seconds_per_call
+
+
+class Reference(NamedTuple):
+    """What the rows are compared with."""
+
+    value: float
+    gradient: Float[np.ndarray, "parameter"]
+    event_count: int | None = None
+    """Number of events of the motion, the most of any if the cost asks for several."""
+
+
+class Row(NamedTuple):
+    """What one method gave. Where it failed, `failure` says why and numbers are nan."""
+
+    method: str
+    value: float = np.nan
+    gradient: Float[np.ndarray, "parameter"] | None = None
+    value_error: float = np.nan
+    """|J - J_ref| / |J_ref|."""
+    gradient_error: float = np.nan
+    """max_i |g_i - g_ref,i| / max_i |g_ref,i|."""
+    forward_seconds: float = np.nan
+    """One value [s]."""
+    gradient_seconds: float = np.nan
+    """One value with its gradient [s]."""
+    compile_seconds: float = np.nan
+    """First call of both [s]; short where JAX's persistent cache knows the programs."""
+    peak_memory: float = np.nan
+    """Of one gradient, by the compiler's plan [bytes]."""
+    failure: str = ""
+
+
+class Comparison(NamedTuple):
+    """The table. Print it, write it (`to_csv`), or draw it (`hybridsens.plot_comparison`)."""
+
+    parameters: tuple[str, ...]
+    """Their names, in the order of the gradients."""
+    reference: Reference
+    rows: tuple[Row, ...]
+    interrupted: bool = False
+    """Whether Ctrl-C ended the run: the rows are those that were finished."""
+
+    def __getitem__(self, method: str) -> Row:  # type: ignore[override]
+        """The row of a method, by its name. Raises: KeyError for a name that is not there."""
+        return {row.method: row for row in self.rows}[method]
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return preformatted(self)
+
+    def __str__(self) -> str:
+        return format_comparison(self)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows, with one column for each entry of the gradient."""
+        write_csv(self, path)
+
+
+def compare(
+    scene: Any,
+    cost: Cost | None = None,
+    *,
+    tolerance: float = 1e-8,
+    steps: int = 10_000,
+    adjoints: Sequence[AbstractGradientMethod] = DEFAULT_ADJOINTS,
+    methods: Sequence[GradientMethod] | None = None,
+    reference: Reference | None = None,
+    max_events: int = 256,
+    max_steps: int = 4096,
+    progress: bool = True,
+) -> Comparison:
+    """Value and gradient of a cost by this package's methods and by naive ones, with their errors, times and memory.
+
+    Arguments:
+
+    - `scene`: a scene or a hybrid system; the parameters are its floating point leaves. Any PyTree will do if the cost
+      can make a scene of it.
+    - `cost`: `cost(scene, simulate)`, or `cost(system, solve)`, a scalar. It must move its scene by the function that
+      it is given, without settings of its own: each method puts its own in that place. Default: the running cost of a
+      ready-made scene.
+    - `tolerance`: rtol and atol of all methods with error control. `steps`: of those with a fixed step.
+    - `adjoints`: which gradient methods of `hybridsens.simulate` to show. A `ContinuousCostate()` is integrated at
+      `tolerance` too.
+    - `methods`: the whole list of rows instead of `adjoints` and the naive methods.
+    - `reference`: value and gradient to compare with; by default `Replay` with Dopri8 at rtol = 1e-13.
+    - `progress`: show a bar. Ctrl-C ends the run and keeps the rows that are finished.
+
+    A method that fails has the reason in its row. Raises: SimulationError if the reference itself fails.
+    """
+    cost = choose_cost(scene, cost)
+    parameters = flatten_parameters(scene)
+    reference = reference or tight_reference(parameters, cost, max_events, 4 * max_steps)
+    if methods is None:
+        room = (max_events if reference.event_count is None else reference.event_count) + 2
+        methods = our_methods(adjoints, tolerance, max_events, max_steps)
+        general = isinstance(scene, AbstractHybridSystem)
+        methods += naive_methods_of_systems(steps) if general else naive_methods(tolerance, steps, room)
+        methods += [differences(tolerance, max_events, max_steps)]
+    rows = []
+    interrupted = False
+    try:
+        for method in track(methods, "comparing", disable=not progress, transient=True):
+            rows.append(measure_method(method, parameters, cost, reference))
+    except KeyboardInterrupt:
+        interrupted = True
+    return Comparison(parameters.names, reference, tuple(rows), interrupted)
+
+
+def tight_reference(parameters: FlatParameters, cost: Cost, max_events: int, max_steps: int) -> Reference:
+    """Value and gradient by `Replay` at the tightest tolerance of the floating point type. Raises: SimulationError."""
+    tolerance = max(1e-13, 32 * float(jnp.finfo(parameters.vector.dtype).eps))
+    settings = dict(rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps)
+    method = from_adjoint(Replay(), solver=diffrax.Dopri8(), **settings)
+    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
+    value, gradient, reported = run(parameters.vector)
+    raise_unless_reached_end(reported)
+    count = max((int(count) for count in reported.count), default=None)
+    return Reference(float(value), np.asarray(gradient, float), count)
+
+
+def measure_method(method: GradientMethod, parameters: FlatParameters, cost: Cost, reference: Reference) -> Row:
+    """One row: run, compare, time. Any failure of the method becomes its row's `failure`."""
+    try:
+        return _measure(method, parameters, cost, reference)
+    except Exception as error:  # a method that fails must not stop the table
+        return Row(method.name, failure=reason(error))
+
+
+def _measure(method: GradientMethod, parameters: FlatParameters, cost: Cost, reference: Reference) -> Row:
+    function = functional(parameters, cost, method.simulate)
+    forward = jax.jit(lambda vector: function(vector)[0])
+    gradient = value_and_gradient(function, method.mode, all_reached_end)
+    vector = parameters.vector
+    (value, slopes, reported), compile_gradient = first_call(lambda: gradient(vector))
+    raise_unless_reached_end(reported)
+    _, compile_forward = first_call(lambda: forward(vector))
+    value, slopes = float(value), np.asarray(slopes, float)
+    if not (np.isfinite(value) and np.all(np.isfinite(slopes))):
+        raise FloatingPointError(f"not finite: value {value:g}, gradient {slopes}")
+    memory = planned_memory(forward if method.mode == "differences" else gradient, vector)
+    return Row(
+        method.name, value, slopes, relative_error(value, reference.value), relative_error(slopes, reference.gradient),
+        seconds_per_call(lambda: forward(vector)), seconds_per_call(lambda: gradient(vector)),
+        compile_gradient + compile_forward, np.nan if memory is None else float(memory),
+    )  # fmt: skip
+
+
+def relative_error(found, known) -> float:
+    """Largest deviation, relative to the largest known entry; absolute where all of them are zero."""
+    scale = np.max(np.abs(known))
+    return float(np.max(np.abs(found - known)) / (scale if scale > 0 else 1))

@@ -1,0 +1,112 @@
+"""The gradient of a ready-made scene's functional by three methods, timed: what `hybridsens demo` shows."""
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..mechanics.trajectory import Trajectory
+from ..parameters import flatten_parameters
+from ..scenes import ShippedScene
+from ..solution import Solution
+from ..status import Status
+from ..system import AbstractHybridSystem
+from ..systems import ShippedSystem
+from .baselines import where_transition
+from .finite_differences import finite_differences
+from .functional import ready_made_motion
+from .move import move
+from .naive import naive_motion
+
+REFERENCE_TOLERANCE = 1e-12
+"""Of the motions that differences are taken of: they divide the noise of step selection by their width."""
+SAMPLES = 2001
+
+
+class Timing(NamedTuple):
+    """How long a program took."""
+
+    compile: float
+    """Tracing and compiling, once [s]."""
+    run: float
+    """One call after that, median [s]."""
+
+
+class Demonstration(NamedTuple):
+    """A functional J of one motion and its gradient by three methods. The parameters are in the order of `names`."""
+
+    trajectory: Trajectory | Solution
+    names: list[str]
+    parameters: Float[np.ndarray, "parameter"]
+    cost: float
+    """J = int running_cost dt."""
+    naive_cost: float
+    """J of the naive loop."""
+    adjoint: Float[np.ndarray, "parameter"]
+    """dJ/dtheta by the adjoint with its jump conditions."""
+    differences: Float[np.ndarray, "parameter"]
+    """dJ/dtheta by differences of J at tolerance `REFERENCE_TOLERANCE`."""
+    one_sided: Bool[np.ndarray, "parameter"]
+    """Whether the differences could be taken to one side only (a coefficient of restitution of 1, say)."""
+    naive: Float[np.ndarray, "parameter"]
+    """dJ/dtheta by automatic differentiation of the naive loop."""
+    timings: dict[str, Timing]
+    """By what was run."""
+
+
+def demonstrate(
+    scene: ShippedScene | ShippedSystem, *, tolerance: float = 1e-8, naive_steps: int = 20_000
+) -> Demonstration:
+    """Run a scene and differentiate its functional by the jump adjoint, by differences and naively.
+
+    Raises: SimulationError if the motion does not reach its end; ValueError for a setting that `simulate` refuses.
+    """
+    ts = jnp.linspace(0.0, scene.t1, SAMPLES)
+    trajectory = ready_made_motion(scene, move, ts=ts, rtol=tolerance, atol=tolerance)
+    names, theta, unravel = flatten_parameters(scene)
+    cost = lambda theta: _cost(unravel(theta), rtol=tolerance, atol=tolerance)
+    tight = lambda theta: _cost(unravel(theta), rtol=REFERENCE_TOLERANCE, atol=REFERENCE_TOLERANCE, max_steps=2**16)
+    naive = lambda theta: _naive_cost(unravel(theta), naive_steps)
+    _, motion_time = timed(cost, theta)
+    (value, adjoint), adjoint_time = timed(jax.value_and_grad(cost), theta)
+    (naive_value, naive_gradient), naive_time = timed(jax.value_and_grad(naive), theta)
+    slopes, one_sided = finite_differences(jax.jit(tight), np.asarray(theta))
+    return Demonstration(
+        trajectory, list(names), np.asarray(theta), float(value), float(naive_value),
+        np.asarray(adjoint), slopes, one_sided, np.asarray(naive_gradient),
+        {"motion": motion_time, "motion and gradient": adjoint_time, f"naive gradient, {naive_steps} steps": naive_time}
+    )  # fmt: skip
+
+
+def timed(function: Callable[[Any], Any], argument: Any, seconds: float = 0.3) -> tuple[Any, Timing]:
+    """Value of a function of one argument, with the time that compiling it took and the median time of a call."""
+    start = time.perf_counter()
+    compiled = jax.jit(function).lower(argument).compile()
+    compile_time = time.perf_counter() - start
+    value = jax.block_until_ready(compiled(argument))
+    calls: list[float] = []
+    while sum(calls) < seconds:
+        start = time.perf_counter()
+        jax.block_until_ready(compiled(argument))
+        calls.append(time.perf_counter() - start)
+    return value, Timing(compile_time, float(np.median(calls)))
+
+
+def relative_errors(values: Float[np.ndarray, "parameter"], truth: Float[np.ndarray, "parameter"]) -> np.ndarray:
+    """Errors relative to the largest entry of the truth."""
+    return np.abs(values - truth) / np.max(np.abs(truth))
+
+
+def _cost(scene, **settings):
+    """J, or nan where the motion does not reach its end."""
+    trajectory = ready_made_motion(scene, move, throw=False, **settings)
+    return jnp.where(trajectory.status == Status.successful, trajectory.cost, jnp.nan)
+
+
+def _naive_cost(scene, steps: int):
+    loop = where_transition if isinstance(scene, AbstractHybridSystem) else naive_motion
+    return ready_made_motion(scene, loop, steps=steps).cost

@@ -1,0 +1,90 @@
+"""The functional whose gradient is studied, as a function of one vector, with what its motions report."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..mechanics.trajectory import Trajectory
+from ..outcome import SimulationError
+from ..parameters import FlatParameters
+from ..scenes import ShippedScene
+from ..solution import Solution
+from ..status import Status
+from ..systems import ShippedSystem
+
+Cost = Callable[..., Any]
+"""cost(scene, simulate) -> scalar, or cost(system, solve). The second argument stands for `hybridsens.simulate` or
+`hybridsens.solve` with the settings of the method under study bound: the cost passes it the scene, the state, the
+horizon and what it wants back, but no settings."""
+
+
+class Reported(NamedTuple):
+    """What is kept of each call of `simulate` beside the cost."""
+
+    status: tuple[Status, ...]
+    count: tuple[Int[Array, ""], ...]
+    """Number of events."""
+
+
+def running_cost_functional(scene, simulate):
+    """J = int running_cost dt over the horizon of a ready-made scene or system: the cost where none is given."""
+    return ready_made_motion(scene, simulate).cost
+
+
+def ready_made_motion(scene, simulate, **settings):
+    """The motion of a ready-made scene or system, with its running cost; `settings` replace its own."""
+    start = (scene.initial_state(),)
+    if isinstance(scene, ShippedSystem):
+        start = (*start, scene.initial_mode())
+    running_cost = lambda scene, *instant: scene.running_cost(*instant)
+    return simulate(scene, *start, **(dict(t1=scene.t1, running_cost=running_cost) | settings))
+
+
+def choose_cost(scene, cost: Cost | None) -> Cost:
+    """The cost given, or a ready-made scene's own. Raises: TypeError where there is neither."""
+    if cost is not None:
+        return cost
+    if not isinstance(scene, ShippedScene | ShippedSystem):
+        raise TypeError(f"`cost` must be given for a {type(scene).__name__}: cost(scene, simulate) -> scalar.")
+    return running_cost_functional
+
+
+def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Callable:
+    """vector -> (J, Reported). Motions are asked not to raise by themselves; see `raise_unless_reached_end`.
+
+    Raises: TypeError when traced if the cost is not a real scalar.
+    """
+
+    def value(vector: Float[Array, "parameter"]):
+        motions = []
+
+        def recording(*arguments, **settings):
+            motions.append(simulate(*arguments, **settings))
+            return motions[-1]
+
+        J = jnp.asarray(cost(parameters.rebuild(vector), recording))
+        if J.shape != () or not jnp.issubdtype(J.dtype, jnp.floating):
+            raise TypeError(f"`cost` must return a real scalar, but returns {J.dtype} of shape {J.shape}.")
+        known = [motion for motion in motions if isinstance(motion, Trajectory | Solution)]
+        return J, Reported(tuple(m.status for m in known), tuple(m.events.count for m in known))
+
+    return value
+
+
+def reached_end(status: Status) -> bool:
+    """Whether a motion is whole. One that grazed a contact is: what that costs the gradient, a study measures."""
+    return bool((status == Status.successful) | (status == Status.grazing))
+
+
+def all_reached_end(reported: Reported) -> bool:
+    """Whether every motion of ours is whole."""
+    return all(map(reached_end, reported.status))
+
+
+def raise_unless_reached_end(reported: Reported) -> None:
+    """Raise SimulationError if a motion of ours is not whole."""
+    for status in reported.status:
+        if not reached_end(status):
+            raise SimulationError(Status[status])

@@ -1,0 +1,62 @@
+"""How fast neighbouring motions part: the finite-time Lyapunov exponent, from the product of saltation matrices."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+from ..adjoint.methods import ForwardSensitivities
+from ..mechanics.scene import AbstractScene
+from ..mechanics.trajectory import Trajectory
+from ..solution import Solution
+from ..system import AbstractHybridSystem
+from .move import move
+
+
+class Growth(NamedTuple):
+    """How variations of the initial state grow along a motion."""
+
+    exponent: Float[Array, ""]
+    """log(growth) / (t1 - t0), the largest finite-time Lyapunov exponent [1/s]."""
+    growth: Float[Array, ""]
+    """Largest singular value of `matrix`: by how much the worst variation of the initial state is multiplied."""
+    matrix: Float[Array, "state state"]
+    """d x(t1) / d x(t0), x = (q, v) of a scene: flows between events and saltation matrices at events,
+    S_N ... S_2 S_1."""
+    trajectory: Trajectory | Solution
+
+
+def lyapunov(
+    scene: AbstractScene | AbstractHybridSystem,
+    state: Any,
+    mode: Any = None,
+    *,
+    t0: float | Array = 0.0,
+    t1: float | Array,
+    **settings: Any,
+) -> Growth:
+    """Growth of small variations of the initial state over [t0, t1].
+
+    A gradient is right as long as its motion is; but where `growth` times the tolerance reaches the size of the motion
+    itself, motion and gradient are those of another initial state. Divide `rtol` and `atol` by `growth`, or shorten the
+    horizon. The units of the entries are mixed in the singular value, so compare growths of one scene.
+
+    Arguments: a scene and its `State`, or a hybrid system, its x0 and its mode; the `settings` of `simulate` or `solve`
+    but `adjoint` and `running_cost`. Raises what these raise.
+    """
+    refused = {"adjoint", "running_cost"} & settings.keys()
+    if refused:
+        raise TypeError(f"`lyapunov` must be called without {sorted(refused)}.")
+    modes = (mode,) if isinstance(scene, AbstractHybridSystem) else ()
+    start, unravel = ravel_pytree(state)
+
+    def final(x):
+        method = ForwardSensitivities()
+        trajectory = move(scene, unravel(x), *modes, t0=t0, t1=t1, adjoint=method, **settings)
+        return ravel_pytree(trajectory.final)[0], trajectory
+
+    matrix, trajectory = jax.jacfwd(final, has_aux=True)(start)
+    growth = jnp.linalg.norm(matrix, 2)
+    return Growth(jnp.log(growth) / (t1 - t0), growth, matrix, trajectory)

@@ -1,0 +1,150 @@
+"""Accuracy against time: error of J and of its gradient over solvers, tolerances, precisions and gradient methods."""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.progress import Progress
+
+from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, ForwardSensitivities, Replay
+from ..parameters import FlatParameters, flatten_parameters
+from .compare import Reference, relative_error, tight_reference
+from .differentiate import value_and_gradient
+from .failure import reason
+from .functional import Cost, choose_cost, functional, raise_unless_reached_end
+from .gradient_methods import adjoint_name, at_tolerance, from_adjoint
+from .timing import first_call, seconds_per_call
+from .work_precision_file import check_ending, read_points, write_points
+from .work_precision_points import Point as Point
+from .work_precision_points import WorkPrecision as WorkPrecision
+
+TOLERANCES = tuple(10.0**-k for k in range(3, 14))
+"""1e-3 ... 1e-13."""
+
+
+class Line(NamedTuple):
+    """Points that share one compiled program."""
+
+    dtype: str
+    solver: diffrax.AbstractSolver
+    method: AbstractGradientMethod
+    tolerances: tuple[float, ...]
+
+    @property
+    def label(self) -> tuple[str, str, str]:
+        """What names it, and all of its points but for their tolerance."""
+        return type(self.solver).__name__, adjoint_name(self.method), self.dtype
+
+
+def work_precision(
+    scene: Any,
+    cost: Cost | None = None,
+    *,
+    solvers: Sequence[diffrax.AbstractSolver] = (diffrax.Bosh3(), diffrax.Tsit5(), diffrax.Dopri8()),
+    tolerances: Sequence[float] = TOLERANCES,
+    methods: Sequence[AbstractGradientMethod] = (Replay(), ForwardSensitivities(), ContinuousCostate()),
+    dtypes: Sequence[str] = ("float64",),
+    reference: Reference | None = None,
+    max_events: int = 256,
+    max_steps: int = 65536,
+    path: str | Path | None = None,
+    resume: bool = False,
+    progress: bool = True,
+) -> WorkPrecision:
+    """Error of a cost and of its gradient, and time for both, for every combination of settings.
+
+    Arguments:
+
+    - `scene`, `cost`, `reference`: as for `compare`.
+    - `solvers`, `tolerances` (rtol = atol), `methods` (as for `adjoint=`), `dtypes` ("float64",
+      "float32"): what is combined. A `ContinuousCostate()` is integrated at the tolerance of the motion.
+    - `path`: a .csv or .parquet file that each point is in as soon as it is finished.
+    - `resume`: go on with the points in that file, which are not measured again.
+    - `progress`: show a bar. Ctrl-C ends the run and keeps the points that are finished.
+
+    A setting that fails is a point with its reason. float64 needs `hybridsens.configure()` before JAX starts.
+
+    Raises: ValueError for a dtype other than these two, or a `path` that is missing, has another ending or the points
+    of something else; SimulationError if the reference fails.
+    """
+    unknown = set(dtypes) - {"float64", "float32"}
+    if unknown:
+        raise ValueError(f'`dtypes` must have entries among "float64" and "float32", but has {sorted(unknown)}.')
+    path = None if path is None else Path(path)
+    if path is not None:
+        check_ending(path)
+    elif resume:
+        raise ValueError("`resume` must have a `path` to go on with, but has none.")
+    cost = choose_cost(scene, cost)
+    reference = reference or tight_reference(flatten_parameters(scene), cost, max_events, max_steps)
+    points = list(read_points(path, reference.value)) if resume and path is not None else []
+    combinations = itertools.product(dtypes, solvers, methods)
+    lines = _missing([Line(*combined, tuple(tolerances)) for combined in combinations], points)
+    room = dict(max_events=max_events, max_steps=max_steps)
+    measure = lambda line: measure_line(scene, cost, line, reference, room)
+    try:
+        for point in _with_progress(lines, measure, progress):
+            points.append(point)
+            if path is not None:
+                write_points(path, points, reference.value)
+    except KeyboardInterrupt:
+        return WorkPrecision(tuple(points), interrupted=True)
+    return WorkPrecision(tuple(points))
+
+
+def _missing(lines: list[Line], points: Sequence[Point]) -> list[Line]:
+    """What is left to measure."""
+    done = {point[:4] for point in points}
+    still = lambda line: tuple(tolerance for tolerance in line.tolerances if (*line.label, tolerance) not in done)
+    return [line._replace(tolerances=still(line)) for line in lines if still(line)]
+
+
+def _with_progress(lines: list[Line], measure: Callable[[Line], Iterator[Point]], shown: bool) -> Iterator[Point]:
+    with Progress(disable=not shown, transient=True) as bar:
+        task = bar.add_task("measuring", total=sum(len(line.tolerances) for line in lines))
+        for line in lines:
+            bar.update(task, description=", ".join(line.label))
+            for point in measure(line):
+                yield point
+                bar.advance(task)
+
+
+def measure_line(scene, cost: Cost, line: Line, reference: Reference, room) -> Iterator[Point]:
+    """Points of one solver, method and dtype: one program for all tolerances. A failure stands in its point."""
+    with jax.enable_x64(line.dtype == "float64"):  # what a scene makes out of nothing must have this type too
+        cast = lambda leaf: jnp.asarray(leaf, line.dtype) if eqx.is_inexact_array(leaf) else leaf
+        parameters = flatten_parameters(jax.tree.map(cast, scene))
+        gradient = _gradient(parameters, cost, line, room)
+        for tolerance in line.tolerances:
+            try:
+                found = _measure(lambda t=tolerance: gradient(parameters.vector, t), reference)
+                yield Point(*line.label, tolerance, *found)
+            except Exception as error:  # a setting that fails must not stop the study
+                yield Point(*line.label, tolerance, failure=reason(error))
+
+
+def _gradient(parameters: FlatParameters, cost: Cost, line: Line, room):
+    """(vector, tolerance) -> value, gradient, what the motions report."""
+
+    @jax.jit
+    def gradient(vector, tolerance):
+        tolerance = jnp.asarray(tolerance, vector.dtype)
+        method = at_tolerance(line.method, tolerance)
+        row = from_adjoint(method, solver=line.solver, rtol=tolerance, atol=tolerance, **room)
+        return value_and_gradient(functional(parameters, cost, row.simulate), row.mode)(vector)
+
+    return gradient
+
+
+def _measure(call, reference: Reference):
+    (value, slopes, reported), seconds = first_call(call)
+    raise_unless_reached_end(reported)
+    value_error = relative_error(float(value), reference.value)
+    gradient_error = relative_error(np.asarray(slopes, float), reference.gradient)
+    return value_error, gradient_error, seconds_per_call(call), seconds

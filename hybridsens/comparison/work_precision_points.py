@@ -1,0 +1,79 @@
+"""What a work-precision study finds: its points, the best of them, and what to choose."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..export.html import preformatted
+
+TARGETS = (1e-4, 1e-6, 1e-8)
+"""Gradient errors that a printed study gives advice for."""
+
+
+class Point(NamedTuple):
+    """One setting, what it reached, and what it cost."""
+
+    solver: str
+    method: str
+    dtype: str
+    tolerance: float
+    """rtol = atol."""
+    value_error: float = np.nan
+    """|J - J_ref| / |J_ref|."""
+    gradient_error: float = np.nan
+    """max_i |g_i - g_ref,i| / max_i |g_ref,i|."""
+    seconds: float = np.nan
+    """One value with its gradient."""
+    first_seconds: float = np.nan
+    """The first call: with tracing and compiling at the first tolerance of each solver and method."""
+    failure: str = ""
+
+    @property
+    def label(self) -> str:
+        """The setting in words."""
+        single = ", float32" if self.dtype == "float32" else ""
+        return f"{self.solver}, rtol {self.tolerance:.0e}, {self.method}{single}"
+
+
+class WorkPrecision(NamedTuple):
+    """Points of a study. Print it, ask it to `recommend`, or draw it (`hybridsens.plot_work_precision`)."""
+
+    points: tuple[Point, ...]
+    interrupted: bool = False
+    """Whether Ctrl-C ended the run: the points are those that were finished."""
+
+    def pareto(self, error: str = "gradient_error") -> list[Point]:
+        """Points that no other point beats in both time and error, the fastest first."""
+        front: list[Point] = []
+        for point in sorted((p for p in self.points if not p.failure), key=lambda p: (p.seconds, getattr(p, error))):
+            if not front or getattr(point, error) < getattr(front[-1], error):
+                front.append(point)
+        return front
+
+    def recommend(self, gradient_error: float = 1e-6) -> Point | None:
+        """The fastest point whose gradient error is at most this; None where no point reaches it."""
+        good = [point for point in self.points if not point.failure and point.gradient_error <= gradient_error]
+        return min(good, key=lambda point: point.seconds, default=None)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return preformatted(self)
+
+    def __str__(self) -> str:
+        front = set(self.pareto())
+        width = max([len(point.label) for point in self.points], default=0) + 2
+        lines = [f"{'':2}{'setting':{width}}{'value err':>11}{'gradient err':>13}{'time':>12}"]
+        for point in self.points:
+            numbers = f"{point.value_error:>11.1e}{point.gradient_error:>13.1e}{1e3 * point.seconds:>9.3f} ms"
+            mark = "* " if point in front else "  "
+            lines.append(f"{mark}{point.label:{width}}" + (f"  failed: {point.failure}" if point.failure else numbers))
+        lines += ["  (interrupted: the remaining points were not run)"] if self.interrupted else []
+        lines.append("* no other point is both faster and more accurate")
+        return "\n".join([*lines, *map(self.advice, TARGETS)])
+
+    def advice(self, gradient_error: float) -> str:
+        """The recommendation in a sentence."""
+        best = self.recommend(gradient_error)
+        if best is None:
+            return f"for gradient error {gradient_error:.0e} on this scene: no point reaches it"
+        return f"for gradient error {gradient_error:.0e} on this scene: {best.label}: {1e3 * best.seconds:.3g} ms"

@@ -1,0 +1,91 @@
+"""Columns of numbers from a CSV file, or a word on what is wrong with it."""
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+
+
+def read_csv(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a CSV file with a header; empty cells are NaN, lines that start with # are comments.
+
+    Raises: ValueError, naming the file, if it is a folder, is not UTF-8, has other separators than commas, two columns
+    of one name, or a cell that is no number.
+    """
+    lines = [line for line in _text(path).splitlines() if line.strip() and line[0] != "#"]
+    if len(lines) < 2:
+        raise ValueError(f"{path} must have a header and at least one row, but has {len(lines)} lines.")
+    header, *rows = csv.reader(lines, skipinitialspace=True)
+    header = [name.strip() for name in header]
+    _check_separator(path, header)
+    check_different(header, str(path))
+    cells = [[_number(path, n, name, cell) for name, cell in zip(header, row, strict=True)]
+             for n, row in enumerate(_full(path, header, rows))]  # fmt: skip
+    return dict(zip(header, np.array(cells).T, strict=True))
+
+
+def check_different(names: Iterable[str], where: str) -> None:
+    """Raises ValueError if two columns have one name: a table could keep one of them only."""
+    names = list(names)
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(
+                f"{where} must have columns of different names, but has {names.count(name)} columns {name!r}. Rename "
+                "or remove all but one of them."
+            )
+
+
+def _text(path: Path) -> str:
+    if path.is_dir():
+        raise ValueError(f"`data` must be the path of a CSV file, but {path} is a folder. Name a file in it.")
+    raw = path.read_bytes()
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(_not_utf8(path, raw)) from error
+    if "\0" in text:
+        raise ValueError(_not_utf8(path, raw))
+    return text
+
+
+def _not_utf8(path: Path, raw: bytes) -> str:
+    """What to say of bytes that are not UTF-8, with a guess at what they are."""
+    wide = raw[:2] in (b"\xff\xfe", b"\xfe\xff")
+    if b"\0" in raw and not wide:
+        return f"{path} must be a text file in UTF-8, but has zero bytes. Save a workbook as CSV first."
+    guess = "UTF-16" if wide else "LATIN1"
+    return (
+        f"{path} must be a text file in UTF-8, but is not; it may be {guess}. Save it anew as UTF-8, or convert it: "
+        f"iconv -f {guess} -t UTF-8 {path.name} > utf8.csv"
+    )
+
+
+def _check_separator(path: Path, header: list[str]) -> None:
+    """A header of one cell has no commas: say what it has instead."""
+    found = next((mark for mark in _SEPARATORS if mark in header[0]), None)
+    if len(header) == 1 and found is not None:
+        raise ValueError(
+            f"{path} must have commas between its columns, but has {_SEPARATORS[found]}: {header[0]!r}. Replace them, "
+            f"and decimal commas by points; or give the table that pandas.read_csv(path, sep={found!r}) reads."
+        )
+
+
+def _full(path: Path, header: list[str], rows: list[list[str]]) -> list[list[str]]:
+    for n, row in enumerate(rows):
+        if len(row) != len(header):
+            raise ValueError(f"{path}: row {n} (counted from 0) must have {len(header)} cells, but has {len(row)}.")
+    return rows
+
+
+def _number(path: Path, row: int, column: str, cell: str) -> float:
+    if not cell.strip():
+        return float("nan")
+    try:
+        return float(cell)
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: row {row} (counted from 0), column {column!r} must be a number, but is {cell!r}."
+        ) from error

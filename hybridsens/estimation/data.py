@@ -1,0 +1,179 @@
+"""Measurements: what was seen, when, and how exactly; with every requirement checked when they are made."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from ..validation.spelling import did_you_mean
+
+
+class Measurements(eqx.Module):
+    """A record of a motion. Values that are missing are NaN and have no weight in a fit."""
+
+    times: np.ndarray
+    """(sample,) strictly increasing [s]."""
+    values: np.ndarray
+    """(sample, observation) what was measured; NaN where nothing was."""
+    sigmas: np.ndarray | None
+    """(sample, observation) standard deviations; None: equal and unknown, to be estimated from the fit."""
+    names: tuple[str, ...]
+    """One for each observation."""
+    event_times: np.ndarray
+    """(event,) times of impacts, increasing [s]; NaN for one that was not seen; may be empty."""
+    event_sigmas: np.ndarray
+    """(event,) standard deviations of those times [s]."""
+    event_contacts: np.ndarray
+    """(event,) which contact closed; -1 where that is not known."""
+
+    def between(self, start: float, end: float) -> "Measurements":
+        """The part with start <= t < end, to fit one part of a record and predict another. Events before it stay as not
+        seen (NaN), so that the others keep their numbers.
+
+        Raises: ValueError if nothing was measured then.
+        """
+        rows, kept = (self.times >= start) & (self.times < end), ~(self.event_times >= end)
+        events = np.where(self.event_times < start, np.nan, self.event_times)[kept]
+        if not rows.any() and np.all(np.isnan(events)):
+            raise ValueError(f"There must be a measurement with {start} <= t < {end}, but there is none.")
+        sigmas = None if self.sigmas is None else self.sigmas[rows]
+        return Measurements(self.times[rows], self.values[rows], sigmas, self.names, events, self.event_sigmas[kept],
+                            self.event_contacts[kept])  # fmt: skip
+
+
+def measurements(
+    times: Any = (),
+    values: Any = None,
+    *,
+    sigma: Any = None,
+    names: Sequence[str] | None = None,
+    missing: str = "raise",
+    event_times: Any = (),
+    event_sigma: Any = None,
+    event_contacts: Any = -1,
+) -> Measurements:
+    """Measurements from arrays.
+
+    Arguments:
+
+    - `times`: (sample,) strictly increasing [s].
+    - `values`: (sample,) or (sample, observation).
+    - `sigma`: standard deviations, anything that broadcasts to the values; None if they are equal and unknown.
+    - `names`: names of the observations; default q0, q1, ...
+    - `missing`: "raise" on a NaN among the values or event times, or "skip" to leave those entries out of the fit.
+    - `event_times`, `event_sigma`, `event_contacts`: times of impacts [s], their standard deviation (required with
+      them), and which contact closed (-1: any). The k-th time is compared with the motion's k-th impact there; NaN
+      stands for an impact that happened and was not seen.
+
+    Raises: ValueError, saying what must hold and which rows break it.
+    """
+    if missing not in ("raise", "skip"):
+        raise ValueError(f'`missing` must be "raise" or "skip", but is {missing!r}.')
+    t = _increasing("times", times)
+    y = _values(values, t.size)
+    labels = tuple(names) if names is not None else tuple(f"q{i}" for i in range(y.shape[1]))
+    if len(labels) != y.shape[1] or len(set(labels)) != len(labels):
+        raise ValueError(
+            f"`names` must have {y.shape[1]} different entries, one for each observation, but has {labels}."
+        )
+    _check_values(y, labels, missing)
+    events = _increasing("event_times", event_times, gaps=missing == "skip")
+    if t.size + np.sum(~np.isnan(events)) == 0:
+        raise ValueError("The measurements must have at least one time, but have none.")
+    return Measurements(
+        t, y, _sigmas(sigma, y.shape), labels, events, *_event_columns(events, event_sigma, event_contacts)
+    )
+
+
+def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
+    """Times as an array, increasing where they are known; NaN among them only with `gaps`."""
+    t = np.asarray(times, float)
+    if t.ndim != 1:
+        raise ValueError(f"`{name}` must have shape (sample,), but has shape {t.shape}.")
+    known = np.flatnonzero(~np.isnan(t))
+    later, rise = known[1:], np.diff(t[known])
+    for rows, problem in (
+        (np.flatnonzero(np.isinf(t) if gaps else ~np.isfinite(t)), "finite, but is not"),
+        (later[rise < 0], "sorted in increasing order, but falls back"),
+        (later[rise == 0], "free of duplicates, but repeats a time"),
+    ):
+        if rows.size:
+            raise ValueError(f"`{name}` must be {problem} at {_rows(rows)}.")
+    return t
+
+
+def _values(values: Any, samples: int) -> np.ndarray:
+    if values is None:
+        if samples:
+            raise ValueError(f"`values` must have one row for each of the {samples} times, but is None.")
+        return np.zeros((0, 0))
+    try:
+        y = np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"`values` must be an array of numbers, but is a {type(values).__name__} that is none. A table with named "
+            "columns goes to `read_measurements` or straight to `fit`."
+        ) from error
+    y = y[:, None] if y.ndim == 1 else y
+    if y.ndim != 2 or y.shape[0] != samples:
+        raise ValueError(f"`values` must have shape ({samples},) or ({samples}, observation), but has shape {y.shape}.")
+    return y
+
+
+def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
+    for name, column in zip(names, y.T, strict=True):
+        if np.any(np.isinf(column)):
+            raise ValueError(
+                f"Column {name!r} must be finite, but is not at {_rows(np.flatnonzero(np.isinf(column)))}."
+            )
+        gaps = np.flatnonzero(np.isnan(column))
+        if gaps.size and missing == "raise":
+            raise ValueError(
+                f'Column {name!r} must have a value in every row, but is NaN at {_rows(gaps)}. With missing="skip" '
+                "such entries are left out of the fit."
+            )
+        if gaps.size == column.size > 0:
+            raise ValueError(f"Column {name!r} must have at least one value, but is NaN everywhere.")
+
+
+def _sigmas(sigma: Any, shape: tuple[int, ...]) -> np.ndarray | None:
+    if sigma is None:
+        return None
+    s = np.asarray(sigma, float)
+    s = s[:, None] if s.ndim == 1 and s.shape[0] == shape[0] != shape[1] else s
+    try:
+        s = np.broadcast_to(s, shape).copy()
+    except ValueError as error:
+        raise ValueError(f"`sigma` must broadcast to shape {shape}, but has shape {s.shape}.") from error
+    if not np.all(s > 0) or not np.all(np.isfinite(s)):
+        raise ValueError("`sigma` must be positive and finite everywhere, and is not.")
+    return s
+
+
+def _event_columns(events: np.ndarray, sigma: Any, contacts: Any) -> tuple[np.ndarray, np.ndarray]:
+    if events.size and sigma is None:
+        raise ValueError("`event_sigma` must be given with `event_times`: it says how times weigh against values.")
+    s = np.broadcast_to(np.asarray(1.0 if sigma is None else sigma, float), events.shape).copy()
+    if not np.all(s > 0) or not np.all(np.isfinite(s)):
+        raise ValueError("`event_sigma` must be positive and finite, and is not.")
+    return s, np.broadcast_to(np.asarray(contacts, int), events.shape).copy()
+
+
+def _rows(rows: np.ndarray) -> str:
+    shown = ", ".join(str(int(row)) for row in rows[:5])
+    return f"row{'s' if rows.size > 1 else ''} {shown}{', ...' if rows.size > 5 else ''} (counted from 0)"
+
+
+def named_columns(table: Mapping[str, Any], time: str, columns: Sequence[str] | None) -> list[str]:
+    """Names of the observed columns of a table: those asked for, or all but the time and the `sigma_...` columns.
+
+    Raises: ValueError if the time or an asked-for column is not in the table.
+    """
+    wanted = [time, *(columns or ())]
+    unknown = [name for name in wanted if name not in table]
+    if unknown:
+        raise ValueError(
+            f"The table must have the columns {unknown}, but has {list(table)}.{did_you_mean(unknown, table)}"
+        )
+    return list(columns) if columns else [name for name in table if name != time and not name.startswith("sigma_")]

@@ -1,0 +1,183 @@
+"""The front door: a scene and measurements in, parameters with their uncertainty out."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import diffrax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..mechanics.scene import AbstractScene
+from ..system import AbstractHybridSystem
+from . import prepare
+from .assemble import assemble
+from .checkpoint import Checkpoint
+from .data import Measurements
+from .descend import Descent, Room, descend
+from .growing import Growing
+from .horizon import GrowingHorizon
+from .iterate import Pace
+from .least_squares import FAR
+from .motions import Numerics
+from .optimizers import Method, method
+from .parameters import Bounds
+from .problem import Problem
+from .result import FitResult
+from .starts import Starts, descend_from_all, spread_starts
+from .tables import read_measurements
+from .watch import Audience, GuessFailed, Iteration
+
+
+def fit(
+    scene: AbstractScene | AbstractHybridSystem,
+    data: Any,
+    *,
+    parameters: str | Sequence[str] | None = None,
+    observe: Callable[..., Any] | None = None,
+    state: Any = None,
+    mode: Any = None,
+    bounds: Bounds | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    robust: float | None = None,
+    t0: float = 0.0,
+    t1: float | None = None,
+    optimizer: Any = "levenberg-marquardt",
+    strategy: GrowingHorizon | None = None,
+    starts: int = 1,
+    spread: float = 0.3,
+    seed: int = 0,
+    max_iterations: int = 100,
+    patience: int = 20,
+    progress: bool = False,
+    callback: Callable[[Iteration], Any] | None = None,
+    resume: FitResult | None = None,
+    checkpoint: str | Path | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-8,
+    max_events: int = 256,
+    max_steps: int = 4096,
+) -> FitResult:
+    """Parameters of a scene or a hybrid system from measurements of its motion, by least squares on exact derivatives.
+
+        minimise  sum ((observe - measured) / sigma)^2 + sum ((event time - measured) / sigma)^2 + priors
+
+    The loss is smooth as long as the events keep their sequence; where a step changes it, the history says so. A trial
+    point whose motion fails, or whose residuals or derivatives are not finite, is never taken.
+
+    Intervals need noise that is known or seen. If no sigmas are given and the residuals are zero to rounding, they are
+    nan; a parameter on which nothing measured depends has an infinite one. `print(result)` says both.
+
+    Arguments:
+
+    - `scene`: the model; its present parameters are the guess.
+    - `data`: a CSV file, a pandas or xarray table, a mapping, (times, values), or `Measurements`; see
+      `read_measurements`.
+    - `parameters`: names of the fields that are fitted (["stiffness", "arm.length"]), or one name; default all.
+    - `observe`: `observe(scene, t, q, v)` or `observe(system, t, x)` -> (observation,), or a mapping of column names to
+      scalars; default: columns are named after the state, q0, v0, ..., or after the leaves of x.
+    - `state`: initial state, or a function of the scene that returns it; default `scene.initial_state()`.
+    - `mode`: initial mode of a hybrid system, or a function of it; default `system.initial_mode()`, or None. Measured
+      event times are those of its events, and `event_contacts` says which of them.
+    - `bounds`: name -> "positive" or (lo, hi), None for an open end; kept by a transformation of the parameter.
+    - `priors`: name -> (mean, sigma).
+    - `robust`: residuals beyond so many sigmas count linearly, for data with outliers and with sigmas; None: all count
+      squared.
+    - `t0`, `t1`: horizon [s]; t1 is the last measured time by default, and a tenth more where that is an event's, so
+      that an event which comes later is compared with it. One that a motion does not have counts as if at t1.
+    - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an
+      Optimistix Gauss-Newton solver, or any Optax optimizer.
+    - `strategy`: `GrowingHorizon()` for long or chaotic motions.
+    - `starts`, `spread`, `seed`: descend from so many points within +-spread (relatively) of the guess, in one compiled
+      run, and go on from the best.
+    - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
+    - `progress`, `callback`: print a line for every iteration; call `callback(iteration)`, which stops by returning
+      True.
+    - `resume`: an earlier result of the same fit to go on from. Interrupting (Ctrl-C) returns the best point so far.
+    - `checkpoint`: a file that keeps the best values at any time. If it is there already, the fit goes on from them
+      instead of the scene's; the optimizer's own memory starts anew.
+    - `solver`, `rtol`, `atol`, `max_events`, `max_steps`: as in `simulate`.
+
+    Raises: ValueError for measurements, names, bounds or priors that do not fit; for a guess whose motion fails.
+    """
+    measured = read_measurements(data)
+    _check(max_iterations, patience, robust, measured)
+    numerics = Numerics(rtol, atol, max_events, max_steps, solver)
+    problem = prepare.problem(
+        scene, measured, numerics, parameters=parameters, observe=observe, state=state, mode=mode, bounds=bounds,
+        priors=priors, robust=robust, t0=t0, t1=t1,
+    )  # fmt: skip
+    keeper = None if checkpoint is None else Checkpoint(Path(checkpoint), problem.selection)
+    guess = problem.selection.from_values(problem.selection.values(problem.scene))
+    z, further = _beginning(problem, guess, resume, keeper)
+    listener = _callback(progress, callback)
+    audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
+    plain, several = method(optimizer), None
+    how = Growing(plain, strategy) if isinstance(strategy, GrowingHorizon) else plain
+    if starts > 1 and not further:
+        several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), max_iterations)
+        how = plain
+    descents = _to_the_end(how, problem, z, Room(max_iterations, patience), audience, resume)
+    return assemble(how, problem, measured, guess, descents, several)
+
+
+def _check(max_iterations: int, patience: int, robust: float | None, measured: Measurements) -> None:
+    if max_iterations < 1 or patience < 1:
+        raise ValueError(f"`max_iterations` and `patience` must be >= 1, but are {max_iterations} and {patience}.")
+    if robust is not None and not robust > 0:
+        raise ValueError(f"`robust` must be positive or None, but is {robust}.")
+    if robust is not None and measured.sigmas is None and measured.names:
+        raise ValueError(
+            "`robust` counts in sigmas, so the measurements must have them (columns sigma_<name>, or `sigma`), but "
+            "have none."
+        )
+
+
+def _beginning(problem: Problem, guess, resume: FitResult | None, keeper: Checkpoint | None) -> tuple[Array, bool]:
+    """Where to begin: at an earlier result, at a checkpoint, or at the guess; and whether it is one of the former."""
+    kept = None if keeper is None else keeper.read()
+    if kept is not None:
+        return problem.selection.from_values(kept), True
+    if resume is None:
+        return guess, False
+    if resume.labels != problem.selection.labels:
+        raise ValueError(
+            f"`resume` must be a fit of the same parameters {problem.selection.labels}, but is of {resume.labels}."
+        )
+    return problem.selection.from_values(resume.values), True
+
+
+def _from_many(how: Method | Growing, problem: Problem, zs, max_iterations: int) -> tuple[Starts, Array]:
+    several = descend_from_all(how, problem, zs, max_iterations)
+    if not bool(jnp.any(jnp.isfinite(several.loss))):
+        raise GuessFailed(
+            f"At least one of the {zs.shape[0]} starts must have a motion that reaches its end, but none has."
+        )
+    return several, several.z[jnp.argmin(several.loss)]
+
+
+def _to_the_end(
+    how: Method | Growing, problem: Problem, z, room: Room, audience: Audience, resume: FitResult | None
+) -> list[Descent]:
+    """All descents, with that on the whole record; if stages were ended by hand before it, only what it needs to
+    report."""
+    carry = None if resume is None or isinstance(how, Growing) else resume.carry
+    first = descend(how, problem, z, room, audience=audience, damping=FAR, carry=carry)
+    if first.whole:
+        return [first]
+    last = descend(how, problem, first.z, Room(0, 1), audience=audience, stages=False)
+    return [first, last._replace(stopped=first.stopped)]
+
+
+def _callback(progress: bool, callback: Callable[[Iteration], Any] | None) -> Callable[[Iteration], Any] | None:
+    if not progress:
+        return callback
+
+    def show(line: Iteration):
+        note = line.failure or ("sequence changed" if line.sequence_changed else "" if line.accepted else "rejected")
+        print(f"{line.stage:>14} {line.number:>4}  loss {line.loss:<12.6g} |grad| {line.gradient_norm:<10.3g} "
+              f"events {line.events:<4} {note}", flush=True)  # fmt: skip
+        return callback(line) if callback is not None else None
+
+    return show

@@ -1,0 +1,122 @@
+"""What a fit asks of a motion, of a mechanical scene or of any other hybrid system."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..adjoint.methods import AbstractGradientMethod
+from ..mechanics.mode import EventKind
+from ..mechanics.scene import State
+from ..mechanics.trajectory import Trajectory
+from ..parameters import flatten_parameters
+from ..simulate import simulate
+from ..solution import Solution
+from ..solve import solve
+from ..system import AbstractHybridSystem
+
+FALL = len(EventKind)
+"""Kind of an event of a system that is not mechanical: a guard fell, or a scheduled time came."""
+KINDS = (*(kind.name.lower() for kind in EventKind), "event")
+"""Names of all kinds."""
+
+
+class Numerics(eqx.Module):
+    """How motions are computed; see `simulate`."""
+
+    rtol: float = eqx.field(static=True)
+    atol: float = eqx.field(static=True)
+    max_events: int = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+    solver: diffrax.AbstractSolver | None = None
+
+
+class Start(eqx.Module):
+    """Where motions begin: functions of the scene."""
+
+    state: Callable[..., Any]
+    """state(scene) -> State, or x0 of a system."""
+    mode: Any = None
+    """Initial mode of a system, or a function of the system."""
+
+    def of(self, scene) -> tuple:
+        """What `simulate` or `solve` is given after the scene."""
+        if not isinstance(scene, AbstractHybridSystem):
+            return (self.state(scene),)
+        return self.state(scene), self.mode(scene) if callable(self.mode) else self.mode
+
+
+class EventRows(NamedTuple):
+    """Events of a motion, padded with kind -1."""
+
+    time: Float[Array, "event"]
+    kind: Int[Array, "event"]
+    """An `EventKind`, or `FALL`."""
+    contact: Int[Array, "event"]
+    """Which contact, or which event of a system."""
+
+
+def motion_of(scene, start: Start, horizon, ts, numerics: Numerics, adjoint: AbstractGradientMethod):
+    """The motion of a scene or a system over horizon = (t0, t1), with states at ts."""
+    t0, t1 = horizon
+    settings = dict(
+        t0=t0, t1=t1, ts=ts if ts.size else None, solver=numerics.solver, rtol=numerics.rtol, atol=numerics.atol,
+        max_events=numerics.max_events, max_steps=numerics.max_steps, adjoint=adjoint, throw=False,
+    )  # fmt: skip
+    run: Callable = solve if isinstance(scene, AbstractHybridSystem) else simulate
+    return run(scene, *start.of(scene), **settings)
+
+
+def samples(motion: Trajectory | Solution) -> tuple:
+    """States at the times asked for, as an observation function is given them: (q, v), or (x,)."""
+    return (motion.x,) if isinstance(motion, Solution) else (motion.q, motion.v)
+
+
+def event_rows(motion: Trajectory | Solution) -> EventRows:
+    """The events, whatever they are of."""
+    if isinstance(motion, Solution):
+        guard = motion.events.guard
+        return EventRows(motion.events.time, jnp.where(guard >= 0, FALL, -1), guard)
+    return EventRows(motion.events.time, motion.events.kind, motion.events.contact)
+
+
+def strikes(kind: Int[Array, "event"]):
+    """Events whose times can be measured: everything but a release, which nobody hears."""
+    return (kind == EventKind.IMPACT) | (kind == EventKind.CAPTURE) | (kind == FALL)
+
+
+def state_names(start: tuple) -> list[str]:
+    """Names that a column of data may have: q0, v0, ... of a scene, or those of the leaves of x."""
+    state = start[0]
+    if isinstance(state, State):
+        return [f"{name}{i}" for name in "qv" for i in range(state.q.shape[0])]
+    whole = flatten_parameters({"x": state}).names
+    short = [name.removeprefix("x.") for name in whole]
+    return short if len(set(short)) == len(short) else list(whole)
+
+
+def entries(state: tuple) -> Float[Array, "entry"]:
+    """The entries of (q, v) or of (x,) in the order of `state_names`."""
+    return flatten_parameters(state).vector if len(state) == 1 else jnp.concatenate(state)
+
+
+def picks(names, start: tuple) -> tuple[int, ...]:
+    """Which entries of the state the columns are.
+
+    Raises: ValueError for a column that has no such name."""
+    known = state_names(start)
+    spelt = {"q": "q0", "v": "v0"} if isinstance(start[0], State) else {}
+    places = []
+    for name in names:
+        plain = spelt.get(name, name.replace("[", "").replace("]", "").replace("_", "") if spelt else name)
+        if plain not in known:
+            raise ValueError(
+                f"Without `observe`, columns must be named after the state, {known[0]} ... {known[-1]}, but there is "
+                f"{name!r}. Choose among them with `columns`, or say with `observe` what was measured."
+            )
+        places.append(known.index(plain))
+    return tuple(np.array(places, int).tolist())

@@ -1,0 +1,123 @@
+"""A fit in words."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from .watch import Sequence
+
+if TYPE_CHECKING:
+    from .result import FitResult
+
+
+_EXACT = 1e-6
+"""Residuals smaller than this part of the data are rounding, and alike from sample to sample."""
+
+
+def report(result: "FitResult") -> str:
+    """What `print(result)` shows."""
+    rest = [*_events(result), *_directions(result), *_doubts(result)]
+    return "\n".join([*_head(result), "", *_parameters(result), "", *rest])
+
+
+def _head(result: "FitResult") -> Iterator[str]:
+    yield (
+        f"fit {result.stopped} after {result.iterations} iterations: loss {result.history[0].loss:.6g} -> "
+        f"{result.loss:.6g}, gradient norm {result.history[-1].gradient_norm:.3g}"
+    )
+    known = int(np.sum(np.isfinite(result.residuals)))
+    yield (
+        f"{known} observations, {result.event_residuals.size} event times; residual spread "
+        f"{result.uncertainty.noise:.4g}"
+    )
+    if result.failures:
+        last = next(line.failure for line in reversed(result.history) if line.failure)
+        yield f"{result.failures} trial points failed and were rejected; the last because {last}"
+    if result.starts is not None:
+        loss = np.asarray(result.starts.loss)
+        near = int(np.sum(loss <= 1.01 * loss.min()))
+        took = np.asarray(result.starts.iterations)
+        yield (
+            f"{loss.size} starts of {took.min()} to {took.max()} steps before: {near} ended within 1 % of the best "
+            f"loss, {int(np.sum(np.isinf(loss)))} failed"
+        )
+
+
+def _parameters(result: "FitResult") -> Iterator[str]:
+    width = max(12, *map(len, result.labels))
+    yield f"{'parameter':<{width}} {'guess':>12} {'value':>12} {'std error':>12} {'95 % interval':>28}"
+    intervals, errors = result.intervals(), result.standard_errors
+    for label, guess, value in zip(result.labels, result.guess, result.values, strict=True):
+        low, high = intervals[label]
+        interval = f"[{low:.6g}, {high:.6g}]"
+        yield f"{label:<{width}} {guess:>12.6g} {value:>12.6g} {errors[label]:>12.3g} {interval:>28}"
+
+
+def _events(result: "FitResult") -> Iterator[str]:
+    start, end = result.sequence_start, result.sequence_end
+    yield f"events at the guess: {_sequence(start)}"
+    yield f"events at the end:   {'the same' if start == end else _sequence(end)}"
+    if result.sequence_changes:
+        yield (
+            f"the event sequence changed at {result.sequence_changes} accepted steps: the loss is only piecewise smooth"
+        )
+
+
+def _directions(result: "FitResult") -> Iterator[str]:
+    for label in result.uncertainty.unseen:
+        why = "it lies on its bound" if label in result.on_bound else "nothing that was measured depends on it"
+        yield f"not determined by the data: {label}, since {why}"
+    for direction in result.uncertainty.null_directions:
+        yield f"not determined by the data (relative change): {_direction(direction)}"
+    for error, direction in result.weak_directions():
+        yield f"hardly determined (standard error {error:.2g} of relative change): {_direction(direction)}"
+    pairs = np.argwhere(np.triu(np.abs(np.nan_to_num(result.correlation)) > 0.95, 1))
+    for i, j in pairs:
+        yield f"strongly correlated: {result.labels[i]} and {result.labels[j]} ({result.correlation[i, j]:+.3f})"
+
+
+def _doubts(result: "FitResult") -> Iterator[str]:
+    """What speaks against the intervals: events that are missing, residuals that are no noise of the sigmas given."""
+    if result.uncertainty.exact:
+        yield (
+            "residuals are zero to rounding and no sigmas were given, so nothing tells how uncertain the data are, and "
+            "there are no intervals: give `sigma`"
+        )
+    for number in result.events_missing:
+        yield (
+            f"measured event {number} (at {result.data.event_times[number]:.6g} s) is not in the fitted motion: it "
+            "counts as if at the end of the horizon, and no derivative shows the way to it"
+        )
+    for i, (name, correlation) in enumerate(result.residual_correlation.items()):
+        known = np.isfinite(result.residuals[:, i])
+        r, seen = result.residuals[known, i], result.data.values[known, i]
+        if correlation > max(0.3, 4 / np.sqrt(r.size)) and np.std(r) > _EXACT * np.std(seen):
+            yield (
+                f"residuals of {name} are alike from sample to sample (correlation {correlation:.2f}): the model "
+                f"leaves something out, and the intervals are up to {_too_narrow(correlation):.1f} times too narrow"
+            )
+    freedom, noise = result.uncertainty.freedom, result.uncertainty.noise
+    if result.data.sigmas is not None and noise > 1.1 and stats.chi2.sf(freedom * noise**2, freedom) < 1e-6:
+        yield (
+            f"residuals are {noise:.2g} times as large as their sigmas say: the model leaves something out, or the "
+            "sigmas are too small; the intervals take them at their word"
+        )
+
+
+def _too_narrow(correlation: float) -> float:
+    """Of the mean of noise whose correlations fall off geometrically."""
+    return float(np.sqrt((1 + correlation) / max(1 - correlation, 1e-2)))
+
+
+def _direction(direction: dict[str, float]) -> str:
+    shares = sorted(direction.items(), key=lambda item: -abs(item[1]))
+    return ", ".join(f"{label} {share:+.2f}" for label, share in shares if abs(share) > 0.05)
+
+
+def _sequence(sequence: Sequence) -> str:
+    if not sequence:
+        return "none"
+    shown = ", ".join(f"{kind} {contact}" for kind, contact in sequence[:8])
+    return f"{len(sequence)} ({shown}{', ...' if len(sequence) > 8 else ''})"

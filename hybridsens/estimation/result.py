@@ -1,0 +1,138 @@
+"""What a fit returns."""
+
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from ..export.html import preformatted
+from ..mechanics.trajectory import Trajectory
+from ..solution import Solution
+from .data import Measurements
+from .dataset import fit_dataset
+from .starts import Starts
+from .uncertainty import Uncertainty, half_width, neighbour_correlation, weak_directions
+from .watch import Iteration, Sequence
+
+
+class FitResult(eqx.Module):
+    """A fitted scene, how it was found, and how well it is known. `print` shows it."""
+
+    scene: Any
+    """The scene with the fitted parameters."""
+    labels: tuple[str, ...]
+    """Names of the fitted numbers."""
+    values: np.ndarray
+    """(parameter,) fitted values, in the order of the labels."""
+    guess: np.ndarray
+    """(parameter,) where the fit started."""
+    on_bound: tuple[str, ...]
+    """Parameters that the optimizer has driven onto a bound, where their derivative is no longer known."""
+    loss: float
+    """sum r^2 / 2 at the end, priors and robust weighting included."""
+    residuals: np.ndarray
+    """(sample, observation) model - measurement; NaN where nothing was measured."""
+    event_residuals: np.ndarray
+    """(event,) time of the motion's impact - time measured [s]."""
+    events_missing: np.ndarray
+    """Numbers of the measured events that the fitted motion does not have. Each counts as if it were at the end of the
+    horizon, where no parameter moves it."""
+    jacobian: np.ndarray
+    """(residual, parameter) derivative of (residual / sigma) by the parameters, observations first, then event
+    times."""
+    uncertainty: Uncertainty
+    history: list[Iteration]
+    stopped: str
+    """Why the fit ended; "converged" is what one wants."""
+    sequence_start: Sequence
+    """Kinds and contacts of the events at the guess."""
+    sequence_end: Sequence
+    """The same at the end."""
+    data: Measurements
+    trajectory: Trajectory | Solution
+    """The fitted motion, at the times measured."""
+    predictions: np.ndarray
+    """(sample, observation) what the fitted motion shows there, also where nothing was measured."""
+    starts: Starts | None
+    """What became of many starts, if there were any."""
+    carry: Any
+    """The optimizer's state; `fit(..., resume=result)` goes on from it."""
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(parameter, parameter)"""
+        return self.uncertainty.covariance
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Label -> standard error; inf and nan as in `intervals`."""
+        return dict(zip(self.labels, self.uncertainty.standard_errors.tolist(), strict=True))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """(parameter, parameter)"""
+        return self.uncertainty.correlation
+
+    @property
+    def converged(self) -> bool:
+        """Whether the optimizer ended where it should."""
+        return self.stopped == "converged"
+
+    @property
+    def residual_correlation(self) -> dict[str, float]:
+        """Column -> correlation of neighbouring residuals: about 0 for noise; near 1 where the model leaves something
+        out, and then the intervals are too narrow. NaN for fewer than three."""
+        return {name: neighbour_correlation(r) for name, r in zip(self.data.names, self.residuals.T, strict=True)}
+
+    @property
+    def iterations(self) -> int:
+        """Trial points tried in all stages of the main run."""
+        return sum(line.number > 0 for line in self.history)
+
+    @property
+    def failures(self) -> int:
+        """Trial points that could not be evaluated, and were rejected."""
+        return sum(bool(line.failure) for line in self.history)
+
+    @property
+    def sequence_changes(self) -> int:
+        """How often an accepted step changed the event sequence."""
+        return sum(line.sequence_changed for line in self.history)
+
+    def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Confidence intervals: label -> (low, high). First-order; not cut at bounds. (-inf, inf) for a parameter of
+        which the data say nothing; nan where no sigmas were given and the residuals are zero to rounding."""
+        half = half_width(self.uncertainty.standard_errors, level, self.uncertainty.quantile_freedom)
+        return {label: (float(p - h), float(p + h)) for label, p, h in zip(self.labels, self.values, half, strict=True)}
+
+    def weak_directions(self, limit: float = 0.5) -> list[tuple[float, dict[str, float]]]:
+        """Directions of relative change known worse than `limit`, beside `uncertainty.null_directions`."""
+        return weak_directions(self.labels, self.values, self.covariance, limit)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return preformatted(self)
+
+    def to_xarray(self):
+        """An xarray Dataset of parameters with their errors, measurements with residuals, and the history.
+
+        Raises: ImportError without xarray."""
+        return fit_dataset(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write that Dataset to a netCDF file, which `hybridsens.load` or xarray opens. The scene is not in it.
+
+        Raises: ImportError without xarray and netCDF4."""
+        self.to_xarray().to_netcdf(path, engine="netcdf4")
+
+    def __str__(self) -> str:
+        from .report import report
+
+        return report(self)
+
+    def plot(self):
+        """A Matplotlib figure of data and fit, residuals, and convergence; see `plot.plot_fit`."""
+        from .plot import plot_fit
+
+        return plot_fit(self)

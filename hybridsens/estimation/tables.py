@@ -1,0 +1,92 @@
+"""Measurements from what people keep them in: CSV files, pandas and xarray tables, dictionaries, tuples of arrays."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .csv_file import check_different, read_csv
+from .data import Measurements, measurements, named_columns
+
+
+def read_measurements(
+    data: Any,
+    *,
+    time: str | None = None,
+    columns: Sequence[str] | None = None,
+    sigma: Any = None,
+    missing: str = "raise",
+    **events: Any,
+) -> Measurements:
+    """Measurements from a table.
+
+    Arguments:
+
+    - `data`: the path of a CSV file (UTF-8, commas, a header), a pandas DataFrame, an xarray Dataset or DataArray along
+      one dimension, a mapping of names to columns, a pair (times, values), or Measurements, returned as they are.
+    - `time`: name of the time column; default "t" or "time".
+    - `columns`: which columns are observed; default all but the time and those named `sigma_...`.
+    - `sigma`: standard deviations; default the columns `sigma_<name>` if there is one for each observed column.
+    - `missing`: "raise" on a NaN (an empty cell), or "skip" those entries.
+    - `events`: `event_times`, `event_sigma`, `event_contacts` as in `measurements`.
+
+    Raises: ValueError for a file that is no CSV file in UTF-8 with commas, two columns of one name, unknown columns,
+    cells that are no numbers, and everything that `measurements` refuses.
+    """
+    if isinstance(data, Measurements):
+        return data
+    if isinstance(data, tuple) and len(data) == 2:
+        return measurements(*data, sigma=sigma, names=columns, missing=missing, **events)
+    table = _as_mapping(data)
+    time = time or next((name for name in ("t", "time") if name in table), "t")
+    names = named_columns(table, time, columns)
+    if not names:
+        raise ValueError(f"The table must have at least one observed column beside the time, but has {list(table)}.")
+    if sigma is None:
+        sigma = _sigma_columns(table, names)
+    values = np.stack([np.asarray(table[name], float) for name in names], axis=1)
+    return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
+
+
+def _sigma_columns(table: Mapping[str, Any], names: Sequence[str]) -> np.ndarray | None:
+    given = [name for name in names if f"sigma_{name}" in table]
+    if not given:
+        return None
+    if len(given) != len(names):
+        raise ValueError(
+            f"Sigmas must be given for all observed columns {list(names)} or for none, but only for {given}."
+        )
+    return np.stack([np.asarray(table[f"sigma_{name}"], float) for name in names], axis=1)
+
+
+def _as_mapping(data: Any) -> Mapping[str, Any]:
+    if isinstance(data, str | Path):
+        return read_csv(Path(data))
+    if hasattr(data, "data_vars") or hasattr(data, "coords"):
+        return _from_xarray(data)
+    if isinstance(data, Mapping):
+        return data
+    if hasattr(data, "columns"):
+        check_different(map(str, data.columns), "The table")
+        return {str(name): data[name].to_numpy() for name in data.columns}
+    raise TypeError(
+        "`data` must be the path of a CSV file, a pandas or xarray table, a mapping of columns, a pair (times, values) "
+        f"or Measurements, but is {type(data).__name__}."
+    )
+
+
+def _from_xarray(data: Any) -> dict[str, np.ndarray]:
+    """Columns of a Dataset or DataArray; a second dimension becomes columns <name>0, <name>1, ..."""
+    dataset = data if hasattr(data, "data_vars") else data.to_dataset(name=data.name or "q")
+    along = next(iter(dataset.data_vars.values())).dims[0]
+    columns = [(str(along), dataset[along].to_numpy())]
+    for name, variable in dataset.data_vars.items():
+        if variable.ndim == 1:
+            columns.append((str(name), variable.to_numpy()))
+        elif variable.ndim == 2:
+            columns += [(f"{name}{i}", column) for i, column in enumerate(variable.to_numpy().T)]
+        else:
+            raise ValueError(f"Variable {name!r} must have one or two dimensions, time first, but has {variable.dims}.")
+    check_different((name for name, _ in columns), "The Dataset")
+    return dict(columns)

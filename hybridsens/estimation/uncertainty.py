@@ -1,0 +1,135 @@
+"""What a fit knows: covariance, intervals, correlations, and the directions that the data do not determine."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+_NULL = 1e-7
+_ROUNDING = 100
+"""Doubling a parameter must move the data by so many units of their last place, else it does not move them."""
+
+
+class Uncertainty(NamedTuple):
+    """First-order uncertainty of the fitted parameters p around the minimum."""
+
+    covariance: Float[np.ndarray, "parameter parameter"]
+    """(J^T J / s^2 + priors)^-1; inf on the diagonal of a parameter that is unseen or takes part in a null direction,
+    nan elsewhere if the residuals are `exact`."""
+    standard_errors: Float[np.ndarray, "parameter"]
+    correlation: Float[np.ndarray, "parameter parameter"]
+    """nan where a standard error is not finite."""
+    noise: float
+    """s: standard deviation of the residuals, in sigmas; in the data's unit where no sigmas were given."""
+    freedom: int
+    """Residuals less parameters."""
+    quantile_freedom: float
+    """Degrees of freedom of Student's t for intervals; inf (a normal distribution) where sigmas were given."""
+    null_directions: list[dict[str, float]]
+    """Directions of several parameters along which the data say nothing, label -> relative share."""
+    unseen: tuple[str, ...]
+    """Parameters of which the data say nothing, because nothing that was measured depends on them."""
+    exact: bool
+    """No sigmas were given, and the residuals are zero to rounding: they do not tell how uncertain the data are."""
+
+
+def uncertainty(
+    labels: Sequence[str], values, residuals, jacobian, prior_weight, *, sigmas_given: bool, robust: float = np.inf,
+    largest: float = 0.0, rounding: float = 0.0,
+) -> Uncertainty:  # fmt: skip
+    """Uncertainty from plain data residuals r (in sigmas) and their Jacobian J = dr/dp.
+
+    With known sigmas s = 1, otherwise s^2 = sum psi(r)^2 / (n - p) / mean(psi')^2, where psi(r) = r, or
+    r / sqrt(1 + (r/c)^2) for a robust fit with finite c (Huber's covariance of an M-estimator, also used with known
+    sigmas then). `largest` is the largest datum in sigmas, `rounding` an s that is no noise where no sigmas were given.
+    """
+    r, J, p = np.asarray(residuals), np.asarray(jacobian), np.asarray(values)
+    freedom = max(r.size - p.size, 1)
+    noise = _noise(r, freedom, robust)
+    exact = not sigmas_given and noise <= rounding
+    size = np.where(p == 0, 1.0, np.abs(p))
+    unseen = np.max(np.abs(J * size), axis=0, initial=0) <= _ROUNDING * np.finfo(J.dtype).eps * largest
+    unit = 1.0 if sigmas_given and np.isinf(robust) else max(noise, rounding)
+    rows = np.vstack([np.where(unseen, 0, J) / (unit if unit > 0 else 1.0), np.diag(prior_weight)])
+    covariance, null = _inverse(rows * size)
+    covariance = covariance * np.outer(size, size)
+    correlation = _correlation(covariance)
+    if exact:
+        covariance = np.where(np.isinf(covariance), covariance, np.nan)
+    return Uncertainty(
+        covariance, np.sqrt(np.diag(covariance)), correlation, noise, freedom,
+        quantile_freedom=np.inf if sigmas_given else float(freedom),
+        null_directions=[dict(zip(labels, map(float, direction), strict=True)) for direction in null],
+        unseen=tuple(label for label, hidden in zip(labels, unseen, strict=True) if hidden), exact=exact,
+    )  # fmt: skip
+
+
+def _noise(r: np.ndarray, freedom: int, robust: float) -> float:
+    weight = (1 + (r / robust) ** 2) ** -0.5
+    return float(np.sqrt(np.sum((r * weight) ** 2) / freedom) / np.mean(weight**3))
+
+
+def _correlation(covariance: np.ndarray) -> np.ndarray:
+    errors = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return covariance / np.outer(errors, errors)
+
+
+def _inverse(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(rows^T rows)^-1, with inf for what takes part in a null direction or has no rows, and the null directions."""
+    told = np.any(rows != 0, axis=0)
+    inverse, null = np.diag(np.where(told, 0, np.inf)), np.zeros((0, told.size))
+    if told.any():
+        inverse[np.ix_(told, told)], directions = _inverse_told(rows[:, told])
+        null = np.zeros((len(directions), told.size))
+        null[:, told] = directions
+    return inverse, null
+
+
+def _inverse_told(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    _, s, vt = np.linalg.svd(rows, full_matrices=False)
+    null = s <= _NULL * s[0]
+    inverse = (vt[~null].T / s[~null] ** 2) @ vt[~null]
+    touched = np.any(np.abs(vt[null]) > 1e-3, axis=0) if null.any() else np.zeros(rows.shape[1], bool)
+    inverse[np.diag_indices_from(inverse)] += np.where(touched, np.inf, 0)
+    return inverse, vt[null]
+
+
+def weak_directions(
+    labels: Sequence[str], values, covariance, limit: float = 0.5
+) -> list[tuple[float, dict[str, float]]]:
+    """Directions of relative change with a standard error above `limit`: (error, label -> share), worst first.
+
+    A standard error of 0.5 says that along this direction the parameters may change by half without being noticed.
+    """
+    size = np.where(np.asarray(values) == 0, 1.0, np.abs(np.asarray(values)))
+    relative = np.asarray(covariance) / np.outer(size, size)
+    known = np.isfinite(np.diag(relative))
+    variances, directions = np.linalg.eigh(relative[np.ix_(known, known)])
+    names = [label for label, keep in zip(labels, known, strict=True) if keep]
+    return [
+        (float(np.sqrt(variance)), dict(zip(names, (float(x) for x in direction), strict=True)))
+        for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True)
+        if variance > limit**2
+    ]
+
+
+def half_width(error, level: float, freedom: float):
+    """Half the width of a confidence interval of this level.
+
+    Raises: ValueError for a level outside (0, 1).
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"`level` must lie inside (0, 1), but is {level}.")
+    quantile = stats.norm.ppf if np.isinf(freedom) else lambda p: stats.t.ppf(p, freedom)
+    return error * quantile((1 + level) / 2)
+
+
+def neighbour_correlation(residuals: np.ndarray) -> float:
+    """sum r_i r_(i+1) / sum r_i^2 over neighbours that were both measured; NaN without at least two pairs."""
+    r = np.asarray(residuals)
+    pairs = np.isfinite(r[:-1]) & np.isfinite(r[1:])
+    total = np.mean(r[np.isfinite(r)] ** 2) if pairs.sum() > 1 else 0.0
+    return float(np.mean((r[:-1] * r[1:])[pairs]) / total) if total > 0 else float("nan")

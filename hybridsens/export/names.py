@@ -1,0 +1,44 @@
+"""Names of coordinates and their velocities, for tables and axes."""
+
+import re
+from typing import Any
+
+
+def coordinate_names(scene: Any, dof: int) -> tuple[list[str], list[str]]:
+    """Names of q and of v, with units where the scene tells them by `coordinates`.
+
+    "angle [rad]" has the velocity "angle rate [rad/s]"; without names they are q[0], ... and v[0], ...
+    Raises: ValueError if the scene names another number of coordinates than it has."""
+    given = getattr(scene, "coordinates", None)
+    if given is None:
+        return [f"q[{i}]" for i in range(dof)], [f"v[{i}]" for i in range(dof)]
+    if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != dof:
+        raise ValueError(
+            f"`coordinates` of {type(scene).__name__} must be a tuple of {dof} names, one for each entry of q, but is "
+            f"{given!r}."
+        )
+    return list(given), [_rate(name) for name in given]
+
+
+def _rate(name: str) -> str:
+    """The name of a velocity from that of its coordinate."""
+    found = re.fullmatch(r"(.*?)\s*\[(.*)\]", name)
+    if found is None:
+        return f"{name} rate"
+    unit = "1/s" if found[2] in {"", "1"} else f"{found[2]}/s"
+    return f"{found[1]} rate [{unit}]"
+
+
+def contact_names(scene: Any, count: int) -> list[str]:
+    """Names of the contacts: those of the scene's `contacts`, or their numbers.
+
+    Raises: ValueError if the scene names another number of contacts than it has."""
+    given = getattr(scene, "contacts", None)
+    if given is None:
+        return [str(i) for i in range(count)]
+    if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != count:
+        raise ValueError(
+            f"`contacts` of {type(scene).__name__} must be a tuple of {count} names, one for each gap, but is "
+            f"{given!r}."
+        )
+    return list(given)

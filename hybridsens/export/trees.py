@@ -1,0 +1,49 @@
+"""A PyTree as named arrays, and back: what a running cost or the state of a hybrid system is made of."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+
+def named_leaves(name: str, tree: Any) -> dict[str, np.ndarray]:
+    """Name -> array, with the place in the tree behind the name: cost, cost.work, cost.forces.0."""
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    label = lambda path: ".".join([name, *(str(_key(entry)) for entry in path)])
+    return {label(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def structure(name: str, tree: Any) -> Any:
+    """The tree as JSON can hold it, with the name of each array in its place.
+
+    Raises: TypeError for a tree of anything but dict, list, tuple, None and arrays."""
+    if tree is None:
+        return None
+    if type(tree) is dict and all(isinstance(key, str) for key in tree):
+        return {"dict": {key: structure(f"{name}.{key}", entry) for key, entry in tree.items()}}
+    if type(tree) in (list, tuple):
+        return {type(tree).__name__: [structure(f"{name}.{i}", entry) for i, entry in enumerate(tree)]}
+    if isinstance(tree, jax.Array | np.ndarray | float):
+        return name
+    raise TypeError(
+        f"`{name}` can be saved if it is made of dict (with strings as keys), list, tuple and arrays, but it holds "
+        f"{type(tree).__name__}. Save what `to_xarray()` returns, by its `to_netcdf`."
+    )
+
+
+def restored(outline: Any, arrays: Mapping[str, Any]) -> Any:
+    """The tree of such an outline."""
+    if outline is None:
+        return None
+    if isinstance(outline, str):
+        return arrays[outline]
+    ((kind, entries),) = outline.items()
+    if kind == "dict":
+        return {key: restored(entry, arrays) for key, entry in entries.items()}
+    return {"list": list, "tuple": tuple}[kind](restored(entry, arrays) for entry in entries)
+
+
+def _key(entry) -> Any:
+    """What stands in brackets or behind a dot at one turn of the way to a leaf."""
+    return next(getattr(entry, name) for name in ("key", "idx", "name") if hasattr(entry, name))

@@ -1,0 +1,247 @@
+"""A hybrid system as the solver sees it: one vector for the state and the integrals of the running cost."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from .delays import overflowed
+from .flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
+from .interval.kind import Kind
+from .numerics.shapes import Shapes
+from .numerics.tolerances import closeness, time_resolution
+from .search.path import Path
+from .search.stretches import gap_kinds, search_gaps
+from .status import Status
+from .system import AbstractHybridSystem
+from .system_checks import as_written
+
+
+class WatchedMode(eqx.Module):
+    """The mode of a system, with what the search for events knows of its guards."""
+
+    given: Any
+    """The mode that the user's system speaks of."""
+    armed: Bool[Array, "guard"]
+    """Guards that can fall. The others are below zero, and are watched for when they rise again."""
+    pending: Bool[Array, "guard"]
+    """Guards that a transition has put below zero: they fire at once."""
+    size: Float[Array, "guard"]
+    """Largest value of each guard that events have shown: what its rounding is relative to."""
+    speed: Float[Array, "guard"]
+    """The same of its rate."""
+    expected: Bool[Array, "time"]
+    """Scheduled times that are still to come."""
+
+
+class Origin(NamedTuple):
+    """What the reset of an event needs to know of it."""
+
+    event: Array
+    mode: Any
+    """The mode before."""
+
+
+class Seen(NamedTuple):
+    """What the system shows at one instant."""
+
+    guards: Float[Array, "guard"]
+    rates: Float[Array, "guard"]
+    times: Float[Array, "time"]
+    """Scheduled times,"""
+    times_rates: Float[Array, "time"]
+    """which must stand still."""
+
+
+class FlattenedSystem(AbstractFlatSystem):
+    """x in one vector, followed by z with z' = running cost. A guard that is not armed is watched with its sign
+    turned, so that its rise is an event too, a silent one."""
+
+    system: AbstractHybridSystem
+    running_cost: Callable[..., Any] | None
+    """running_cost(system, t, x, mode): a scalar or a PyTree; None where there is none."""
+    jump_ts: Float[Array, "jump"] | None
+    shapes: Shapes = eqx.field(static=True)
+    guard_count: int = eqx.field(static=True)
+    scheduled_count: int | None = eqx.field(static=True)
+    """How many scheduled times there are; None where the system does not speak of any."""
+    mode_like: Any
+    """The mode in which the motion begins."""
+
+    def split(self, vector):
+        """x and z of a flat state (leading axes are kept)."""
+        return self.shapes.restore(vector[..., : self.shapes.size]), vector[..., self.shapes.size :]
+
+    def flow(self, t, x, mode: WatchedMode):
+        given, _ = self.split(x)
+        parts = [self.shapes.flatten(self.system.flow(t, given, mode.given), x.dtype)]
+        parts += [jnp.ravel(leaf).astype(x.dtype) for leaf in jax.tree.leaves(self.cost_rate(t, given, mode.given))]
+        return jnp.concatenate(parts)
+
+    def cost_rate(self, t, x, mode):
+        """Running cost at one instant, with its structure; None where there is none."""
+        return None if self.running_cost is None else self.running_cost(as_written(self.system), t, x, mode)
+
+    def guards(self, t, x, mode: WatchedMode):
+        guards = self._values(t, x, mode.given)
+        return jnp.where(mode.armed, guards, -guards)
+
+    def guards_and_rates(self, t, x, mode: WatchedMode):
+        guards, rates = super().guards_and_rates(t, x, mode)
+        at_once = -jnp.maximum(jnp.abs(rates), mode.speed) - 1  # whatever its rate, a pending guard falls
+        return guards, jnp.where(mode.pending, at_once, rates)
+
+    def _values(self, t, x, given):
+        return self.system.guards(t, self.split(x)[0], given).astype(x.dtype)
+
+    def scales(self, t, x, mode: WatchedMode):
+        """The largest so far of each guard and of its rate."""
+        return mode.size, mode.speed
+
+    def searches(self, t, x):
+        """Whether a guard is curved: what is affine in (t, x) cannot dip unseen. Told from the trace of the guards."""
+        return bool((gap_kinds(lambda t, x: self._values(t, x, self.mode_like), t, x)[0] >= Kind.CURVED).any())
+
+    def search(self, step: StepEnds, mode: WatchedMode, tolerance, wanted) -> Searched:
+        """Guards along the cubic through the ends of the step, and within what it may be off."""
+
+        def search():
+            flow0, flow1 = self.flow(step.t0, step.x0, mode), self.flow(step.t1, step.x1, mode)
+            path = Path.through(step.t0, step.t1, step.x0, flow0, step.x1, flow1)
+            speed = jnp.maximum(mode.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
+            doubt = path.doubt(step.error, step.order) * path.h * speed
+            guards = lambda t, x: self.guards(t, x, mode)
+            return search_gaps(guards, path, step, tolerance + doubt, jnp.ones_like(mode.armed), wanted)
+
+        none = jnp.full_like(step.t0, jnp.inf)
+        return lax.cond(wanted, search, lambda: Searched(none, jnp.ones_like(step.t0)))
+
+    def choose(self, event, t, x, mode: WatchedMode) -> Decision:
+        """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""
+
+        def begin():
+            seen = self._see(t, x, mode.given)
+            starts = event == -1
+            armed = jnp.where(starts, seen.guards >= -time_resolution(t, 1) * jnp.abs(seen.rates), mode.armed)
+            pending = ~starts & armed & (seen.guards < 0)
+            expected = jnp.where(starts, seen.times >= t, mode.expected)
+            watched = self._watched(mode, mode.given, armed, pending, seen, expected)
+            return _decision(watched, Origin(event, mode.given), seen)
+
+        return lax.cond(event >= 0, lambda: self.decide(event, t, x, mode), begin)
+
+    def _see(self, t, x, given) -> Seen:
+        """Guards and scheduled times in a mode, and their rates along its flow."""
+        flow = self.flow(t, x, WatchedMode(given, *self._blank(x.dtype)))
+        look = lambda t, x: (self._values(t, x, given), self._times(x, given))
+        (guards, times), rates = jax.jvp(look, (t, x), (jnp.ones_like(t), flow))
+        return Seen(guards, rates[0], times, rates[1])
+
+    def _watched(self, before: WatchedMode, given, armed, pending, seen: Seen, expected) -> WatchedMode:
+        size = jnp.maximum(before.size, jnp.abs(seen.guards))
+        speed = jnp.maximum(before.speed, jnp.abs(seen.rates))
+        return WatchedMode(given, armed, pending, size, speed, expected)
+
+    def _blank(self, dtype):
+        """What is known of guards before anything is."""
+        no, zero = jnp.zeros(self.guard_count, bool), jnp.zeros(self.guard_count, dtype)
+        return no, no, zero, zero, jnp.zeros(self.scheduled_count or 0, bool)
+
+    def _times(self, x, given):
+        """Scheduled times, none where the system does not speak of any."""
+        if self.scheduled_count is None:
+            return jnp.zeros(0, x.dtype)
+        return jnp.asarray(self.system.scheduled_times(self.split(x)[0], given)).astype(x.dtype)
+
+    def scheduled_times(self, x, mode: WatchedMode):
+        """Those of the system in a mode."""
+        return None if self.scheduled_count is None else self._times(x, mode.given)
+
+    def expected(self, mode: WatchedMode):
+        """Those that have not come, or were moved since."""
+        return mode.expected
+
+    def watched(self, mode, dtype) -> WatchedMode:
+        """The mode that a motion begins in; `choose` looks at its guards."""
+        return WatchedMode(mode, *self._blank(dtype))
+
+    def decide(self, event, t, x, mode: WatchedMode) -> Decision:
+        """The transition's mode, which guards can fall then, and which scheduled times are to come."""
+        origin = Origin(event, mode.given)
+        if self.guard_count == 0 and self.scheduled_count is None:
+            return _decision(mode, origin, self._see(t, x, mode.given))
+        rises = self.is_silent(event, mode)
+        after, given = self._transition(event, t, x, mode.given)
+        given = jax.tree.map(lambda new, old: jnp.where(rises, old, new), given, mode.given)
+        after = jnp.where(rises, x, after)
+        before, same = self._same_guards(t, x, mode, given)
+        seen = self._see(t, after, given)
+        guards, this = seen.guards, jnp.arange(self.guard_count) == event
+        still = jnp.abs(guards - before) <= closeness(x.dtype) * mode.size
+        falls_on = (seen.rates < -closeness(x.dtype) * mode.speed) | (mode.pending & (guards < 0))
+        passing = this & ~rises & same & still & falls_on
+        # One that was passed at this very instant is on zero still: another event does not make it fall again.
+        waiting = ~this & ~mode.armed & ((guards < 0) | (same & still))
+        armed = ~passing & ~waiting
+        # A guard that is on zero and falling by itself fires too, but at a time of its own.
+        pending = armed & (guards < 0) & (~still | (mode.pending & ~this))
+        came = self.guard_count + jnp.arange(seen.times.shape[0]) == event
+        moved = seen.times != self._times(x, mode.given)  # to a time that has passed: then the event comes at once
+        expected = (mode.expected & ~came) | (seen.times > t) | moved
+        watched = self._watched(mode, given, armed, pending, seen, expected)
+        return _decision(watched, origin, seen, jnp.any(this & mode.pending), rises)
+
+    def _same_guards(self, t, x, mode: WatchedMode, given):
+        """Guards before an event, and which of them mean the same in the mode after: they have the value and the slope
+        that they had. One that was turned round (a threshold without hysteresis) has another slope."""
+        flow = self.flow(t, x, mode)
+        seen = lambda given: jax.jvp(lambda t, x: self._values(t, x, given), (t, x), (jnp.ones_like(t), flow))
+        before, slope = seen(mode.given)
+        there, slope_there = lax.cond(_equal(given, mode.given), lambda: (before, slope), lambda: seen(given))
+        near = lambda one, other, size: jnp.abs(one - other) <= closeness(x.dtype) * size
+        return before, near(there, before, mode.size) & near(slope_there, slope, mode.speed)
+
+    def _transition(self, event, t, x, given):
+        state, z = self.split(x)
+        after, given = self.system.transition(event, t, state, given)
+        given = jax.tree.map(lax.stop_gradient, given)
+        return jnp.concatenate([self.shapes.flatten(after, x.dtype), z]), given
+
+    def reset(self, decision: Decision, t, x):
+        """x+ of the user's transition, z unchanged."""
+        origin: Origin = decision.detail
+        after, _ = self._transition(origin.event, t, x, origin.mode)
+        return lax.cond(decision.silent, lambda: x, lambda: after), ()
+
+    def silent_room(self, max_events):
+        """A guard waits after it was passed, or from the start."""
+        return max_events + self.guard_count
+
+    def is_silent(self, event, mode: WatchedMode):
+        return jnp.any((jnp.arange(self.guard_count) == event) & ~mode.armed)
+
+    def jump_times(self):
+        """Those declared, by the caller or by the system."""
+        return self.jump_ts
+
+
+def _decision(
+    watched: WatchedMode, origin: Origin, seen: Seen, at_once: Array | bool = False, silent: Array | bool = False
+) -> Decision:
+    """A transition, after which steps may be as long as before."""
+    never = jnp.full((), jnp.inf, watched.size.dtype)
+    moves = jnp.any(watched.expected & (seen.times_rates != 0))
+    status = Status.where(moves, Status.scheduled_time_moves, Status.running)
+    status = Status.where(overflowed(watched.given), Status.queue_full, status)
+    at_once, silent = jnp.asarray(at_once), jnp.asarray(silent)
+    kind = jnp.array(0)
+    return Decision(watched, kind, origin, status=status, first_step_bound=never, at_once=at_once, silent=silent)
+
+
+def _equal(one, other) -> Bool[Array, ""]:
+    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    return jnp.all(jnp.stack([jnp.array(True), *(jnp.all(a == b) for a, b in pairs)]))

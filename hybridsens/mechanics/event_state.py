@@ -1,0 +1,78 @@
+"""Who meets at an event: the contacts that are closed there, and what is known of them before any law acts."""
+
+import dataclasses
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..numerics.small_arrays import any_of, product
+from ..numerics.tolerances import closeness, rounding, time_resolution
+from .contact import ContactGeometry, contact_geometry, gap_and_rate
+from .laws import gap_acceleration
+from .mode import ContactMode, gap_tolerance
+from .scene import AbstractScene
+
+
+class EventState(NamedTuple):
+    """What is known at an event before any law acts."""
+
+    geometry: ContactGeometry
+    gap: Float[Array, "contact"]
+    rate: Float[Array, "contact"]
+    """Phi' just before."""
+    gap_acceleration: Float[Array, "contact"]
+    """Phi'' as the motion was before."""
+    triggered: Bool[Array, "contact"]
+    closed: Bool[Array, "contact"]
+    """Contacts that are closed at this instant."""
+    impacting: Bool[Array, "contact"]
+    """Those of them that the law of impact is asked about: none at a release or at the start."""
+    below_rounding: Float[Array, "contact"]
+    """Rebounds slower than this hop lower than the rounding of the gap."""
+
+
+def look_at_event(scene: AbstractScene, atol, event, t, q, v, mode: ContactMode) -> tuple[EventState, ContactMode]:
+    """Who meets, and the mode with its memory of sizes brought up to date."""
+    geometry = contact_geometry(scene, t, q)
+    gap, rate = gap_and_rate(scene, t, q, v)
+    pressed = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
+    mode = _wider_scales(mode, geometry, q, v, atol)
+    tolerance = gap_tolerance(mode.length)
+    start = event < 0
+    triggered = jnp.arange(gap.shape[0]) == event
+    is_release = any_of(triggered & mode.active)
+    touching = _touching(geometry, event, gap, tolerance + time_resolution(t, 2) * jnp.abs(rate))
+    held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
+    closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
+    closed = jnp.where(start, (gap <= tolerance) | held, closed)
+    impacting = closed & ~is_release & ~start
+    below_rounding = rate_below_rounding(pressed, mode)
+    fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
+    at_event = EventState(geometry, gap, rate, pressed, triggered, closed, impacting, below_rounding)
+    return at_event, dataclasses.replace(mode, fastest=fastest)
+
+
+def rate_below_rounding(gap_acceleration, mode: ContactMode):
+    """Rates up to which a contact that falls back hops lower than the rounding of its gap."""
+    return jnp.sqrt(4 * rounding(mode.length.dtype) * jnp.abs(gap_acceleration) * mode.length)
+
+
+def _touching(geometry: ContactGeometry, event, gap, tolerance):
+    """Contacts closed at this instant that the struck one acts on; uncoupled ones have an event of their own."""
+    W = geometry.delassus_matrix
+    size = jnp.sqrt(jnp.abs(jnp.diag(W) * W[event, event]))
+    coupled = jnp.abs(W[event]) > closeness(gap.dtype) * size
+    return coupled & (gap <= tolerance)
+
+
+def _wider_scales(mode: ContactMode, geometry: ContactGeometry, q, v, atol) -> ContactMode:
+    """Sizes of gaps and rates, at least what `atol`, the caller's word for a size that does not matter, says: it
+    gives a scale to a scene that rests at the origin."""
+    size = jnp.abs(geometry.jacobian)
+    floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
+    length, speed = (
+        jnp.maximum(jnp.maximum(known, floor), product(size, jnp.abs(of)))
+        for known, of in ((mode.length, q), (mode.speed, v))
+    )
+    return dataclasses.replace(mode, length=length, speed=speed)

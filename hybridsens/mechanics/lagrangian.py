@@ -1,0 +1,93 @@
+"""A scene written as energies: its mass matrix and its forces come out of them by automatic differentiation."""
+
+import abc
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..interval.kind import Kind, kinds
+from .scene import AbstractScene
+
+
+class LagrangianScene(AbstractScene):
+    """A mechanical system given by its energies, with ideal unilateral constraints.
+
+        d/dt (dT/dv) - dT/dq + dV/dq + dR/dv = Q(t, q, v) + G lambda,   0 <= lambda _|_ Phi(t, q) >= 0
+
+    Subclass it, give it fields, and write `kinetic_energy`, `gap` and `restitution`; `potential_energy`, `dissipation`
+    and `applied_force` where there are any. What `AbstractScene` asks for follows:
+
+        M(q) = d2T/dv2,    F = dT/dq - (d2T/dv dq) v - dV/dq - dR/dv + Q
+
+    so that the Coriolis and centrifugal forces are right by construction. T is quadratic in v; terms linear in v and
+    terms without v are allowed.
+
+    Raises: ValueError when the motion is compiled, if an energy is no scalar or T is not quadratic in v.
+    """
+
+    @abc.abstractmethod
+    def kinetic_energy(self, q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, ""]:
+        """T(q, v) [J], quadratic in v. The velocity of a point is `hybridsens.planar.velocity(point, q, v)`."""
+
+    def potential_energy(self, q: Float[Array, "dof"]) -> Float[Array, ""]:
+        """V(q) [J]; 0 unless a scene says otherwise."""
+        return jnp.zeros((), q.dtype)
+
+    def dissipation(self, q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, ""]:
+        """Rayleigh's function R(q, v) [W]: its force is -dR/dv. A damper of constant c has R = c s'^2 / 2; 0 unless a
+        scene says otherwise."""
+        del v
+        return jnp.zeros((), q.dtype)
+
+    def applied_force(self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, "dof"]:
+        """Generalised forces Q(t, q, v) that come from no energy: motors, controls, drives [N, N m]; 0 unless a scene
+        says otherwise."""
+        del t, v
+        return jnp.zeros_like(q)
+
+    def energy(self, q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, ""]:
+        """T + V at one state [J]."""
+        return self._kinetic(q, v) + self._potential(q)
+
+    def mass_matrix(self, q: Float[Array, "dof"]) -> Float[Array, "dof dof"]:
+        """M(q) = d2T/dv2."""
+        of_state = lambda q, v: jax.jacfwd(jax.grad(self._kinetic, argnums=1), argnums=1)(q, v)
+        _refuse_if_it_depends_on_v(of_state, q)
+        return of_state(q, jnp.zeros_like(q))
+
+    def force(self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, "dof"]:
+        """F = dT/dq - (d2T/dv dq) v - dV/dq - dR/dv + Q."""
+        lagrangian = lambda q: self._kinetic(q, v) - self._potential(q)
+        momentum = lambda q: jax.grad(self._kinetic, argnums=1)(q, v)
+        convected = jax.jvp(momentum, (q,), (v,))[1]  # how dT/dv changes because q does
+        dissipated = jax.grad(lambda v: _scalar("dissipation", self.dissipation(q, v)))(v)
+        return jax.grad(lagrangian)(q) - convected - dissipated + self.applied_force(t, q, v)
+
+    def _kinetic(self, q, v):
+        return _scalar("kinetic_energy", self.kinetic_energy(q, v))
+
+    def _potential(self, q):
+        return _scalar("potential_energy", self.potential_energy(q))
+
+
+def _scalar(name: str, energy) -> Float[Array, ""]:
+    if jnp.shape(energy) != ():
+        raise ValueError(
+            f"`{name}` must return a scalar, but returns shape {jnp.shape(energy)}. Sum over its parts, or take the "
+            "one entry: `0.5 * mass * v[0] ** 2`, or `0.5 * mass * v @ v`."
+        )
+    return energy
+
+
+def _refuse_if_it_depends_on_v(hessian, q) -> None:
+    """Raise ValueError if the trace of d2T/dv2 still has v in it. It costs nothing when the motion runs."""
+    trace = jax.make_jaxpr(hessian)(q, q)
+    known = [np.full(q.shape, Kind.CONSTANT), np.full(q.shape, Kind.AFFINE)]
+    if (kinds(trace, known) != Kind.CONSTANT).any():
+        raise ValueError(
+            "`kinetic_energy` must be quadratic in v, but its second derivative by v depends on v. Write each velocity "
+            "as linear in v, by `hybridsens.planar.velocity(point, q, v)` for example, and square it by `s * s` or "
+            "`s @ s`. Where it is quadratic and its trace does not show that, write the method `mass_matrix` yourself."
+        )

@@ -1,0 +1,228 @@
+"""What a simulation returns. Everything with a floating point type here can be differentiated."""
+
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float, Int
+
+from ..export.dataset import motion_dataset, must_be_one, with_cost_structure
+from ..export.frames import events_frame, samples_frame
+from ..export.html import paragraph, preformatted, table
+from ..outcome import Steps
+from ..status import Status
+from .mode import EventKind
+from .scene import State
+
+
+class Events(eqx.Module):
+    """The events in the order of time, padded to `max_events`. Rows beyond `count` have time inf, and zeros
+    elsewhere."""
+
+    time: Float[Array, "*batch event"]
+    """When [s]."""
+    kind: Int[Array, "*batch event"]
+    """An `EventKind`: impact 0, capture 1, release 2; -1 in padding."""
+    contact: Int[Array, "*batch event"]
+    """Which gap closed or opened; -1 in padding."""
+    before: State
+    """States just before, (event, dof)."""
+    after: State
+    """States just after, (event, dof)."""
+    impulse: Float[Array, "*batch event contact"]
+    """Impulses of all contacts that took part [N s]; zero at a release. Where several contacts settle together at the
+    end of a cascade, single ones may be negative, by 1e-5 of the largest of the cascade."""
+    closing_speed: Float[Array, "*batch event"]
+    """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at a release [m/s]."""
+    order_matters: Bool[Array, "*batch event"]
+    """Whether contacts that act on each other were met at one instant, so that another order of their impacts has
+    another outcome: derivatives of what follows are one-sided at best."""
+    count: Int[Array, "*batch"]
+    """How many events there were."""
+
+    def to_pandas(self):
+        """A pandas DataFrame with a row for each event that there was: time, kind, contact, closing speed, impulse of
+        that contact, place, velocities before and after. Raises: ImportError, ValueError as `Trajectory.to_pandas`."""
+        return events_frame(self, getattr(self, "_scene", None))
+
+
+class Origin(NamedTuple):
+    """Where a motion came from."""
+
+    scene: Any
+    """The scene that moved."""
+    again: functools.partial
+    """The same simulation for other `ts`."""
+
+
+class Trajectory(eqx.Module):
+    """A motion of a scene from t0 to t1."""
+
+    ts: Float[Array, "*batch sample"] | None
+    """Times asked for."""
+    q: Float[Array, "*batch sample dof"] | None
+    """Configurations there; just after the event where a time is an event's."""
+    v: Float[Array, "*batch sample dof"] | None
+    """Velocities there."""
+    final: State
+    """State at t1 (or where the motion ended, see `status`)."""
+    cost: Any
+    """Integral of the running cost, with its structure; None without one."""
+    events: Events
+    mode: Bool[Array, "*batch contact"]
+    """Contacts held closed at the end."""
+    status: Status
+    """`Status.successful`, or what went wrong."""
+    steps: Steps
+
+    def evaluate(self, ts: ArrayLike | Sequence) -> State:
+        """States at other times between t0 and t1, a number or an array in any order, as exact as the motion itself.
+
+        The motion is simulated again with samples there, so one call with many times is cheaper than many calls. The
+        number of times is rounded up inside, so that few numbers of them compile anew. What it returns is not
+        differentiated: pass `ts=` to `simulate` for gradients.
+
+        Raises: ValueError for a motion that was loaded, indexed out of a batch or made inside of `jax.jit`, which does
+        not know its scene; SimulationError for times outside of [t0, t1]."""
+        times = np.asarray(ts, float)
+        room = max(16, 1 << (times.size - 1).bit_length())
+        order = np.argsort(times, axis=None)
+        found = self._known_origin("evaluate()").again(ts=jnp.asarray(_padded(times, order, room), self.final.q.dtype))
+        places = np.argsort(order).reshape(times.shape)
+        return State(found.q[places], found.v[places])
+
+    def from_each_sample(self, cost: Callable[["Trajectory"], Array]) -> State:
+        """d(cost) / d(state) for the motion that begins at each sample and ends where this one does: the costate.
+
+        `cost` is a scalar function of a trajectory. A sample at the end, where nothing follows, is nan.
+        Raises: ValueError as `evaluate`, and without samples."""
+        again = self._known_origin("the costate").again
+        assert self.ts is not None and self.q is not None and self.v is not None
+        t1 = again.keywords["t1"]
+
+        def value(state, t):
+            return cost(again.func(again.args[0], state, **{**again.keywords, "t0": t, "throw": "nan"}))
+
+        inside = np.asarray(self.ts) < t1
+        before_end = jnp.where(inside, self.ts, self.ts[0])
+        found = jax.jit(jax.vmap(jax.grad(value)))(State(self.q, self.v), before_end)
+        return jax.tree.map(lambda leaf: jnp.where(inside[:, None], leaf, jnp.nan), found)
+
+    def to_xarray(self):
+        """An xarray Dataset of all that is here, with events in as many rows as there were.
+
+        Coordinates are named as the scene's `coordinates`, contacts as its `contacts`, if it has them.
+        Raises: ImportError without xarray; ValueError for a batch of motions."""
+        return motion_dataset(self, self._scene)
+
+    def to_pandas(self):
+        """A pandas DataFrame of the samples, indexed by time. `.events.to_pandas()` is that of the events.
+
+        Raises: ImportError without pandas; ValueError for a batch of motions or one without samples."""
+        return samples_frame(self, self._scene)
+
+    def save(self, path: str | Path) -> None:
+        """Write all of the motion to a netCDF file, from which `hybridsens.load` makes the same trajectory.
+
+        Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a cost that is made of
+        more than dict, list, tuple and arrays."""
+        with_cost_structure(self.to_xarray(), self.cost).to_netcdf(path, engine="netcdf4")
+
+    def come_from(self, scene: Any, again: functools.partial) -> "Trajectory":
+        """This motion, which now knows what it came from.
+
+        That is no field: it would ride along as an output of every compiled program, and be copied for every motion of
+        a batch. So what JAX makes out of this trajectory does not know it."""
+        object.__setattr__(self, "_origin", Origin(scene, again))
+        object.__setattr__(self.events, "_scene", scene)
+        return self
+
+    @property
+    def _scene(self) -> Any:
+        origin = getattr(self, "_origin", None)
+        return None if origin is None else origin.scene
+
+    def _known_origin(self, wanted_by: str) -> Origin:
+        must_be_one(self.events.count, wanted_by)
+        origin = getattr(self, "_origin", None)
+        if origin is None:
+            raise ValueError(
+                f"{wanted_by} must know the scene of its motion, which is lost where a motion is loaded, taken out of "
+                "a batch or returned by jax.jit. Pass `ts=` to `simulate` instead."
+            )
+        return origin
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        if isinstance(self.final.q, jax.core.Tracer) or np.ndim(self.events.count) > 0:
+            return preformatted(self)
+        header, *rows = _event_rows(self.events)
+        lines = [*self._head(), f"final: {_state(self.final)}"]
+        return "".join([*map(paragraph, lines), table(header, rows) if rows else ""])
+
+    def __str__(self) -> str:
+        if isinstance(self.final.q, jax.core.Tracer):
+            return f"Trajectory(traced, final q of shape {self.final.q.shape})"
+        if np.ndim(self.events.count) > 0:
+            return f"Trajectory(batch of {np.shape(self.events.count)}; index it to see one)"
+        return "\n".join([*self._head(), *_event_table(self.events), f"final: {_state(self.final)}"])
+
+    def _head(self):
+        message = Status[self.status] or "successful"
+        accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
+        yield f"status: {message}"
+        yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
+        if self.cost is not None:
+            yield f"cost: {self.cost}"
+
+
+def _padded(times, order, room: int):
+    """The times in their order, the last of them again and again."""
+    return np.pad(times.ravel()[order], (0, room - times.size), mode="edge")
+
+
+def _event_rows(events: Events):
+    """A header and a row for each event, as texts."""
+    yield ["event", "time", "kind", "contact", "closing speed", "impulse", "state after"]
+    for j in range(int(events.count)):
+        contact, kind = int(events.contact[j]), EventKind(int(events.kind[j])).name.lower()
+        yield [
+            str(j), f"{float(events.time[j]):.9f}", kind, str(contact), f"{float(events.closing_speed[j]):.6g}",
+            f"{float(events.impulse[j, contact]):.6g}", _state(State(events.after.q[j], events.after.v[j])),
+        ]  # fmt: skip
+
+
+def _event_table(events: Events):
+    count = int(events.count)
+    if count == 0:
+        return
+    yield f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>7} {'closing speed':>14} {'impulse':>12}  state after"
+    shown = list(range(count)) if count <= 20 else [*range(10), None, *range(count - 9, count)]
+    for j in shown:
+        if j is None:
+            yield f"{'...':>5} ({count - 19} more)"
+            continue
+        contact = int(events.contact[j])
+        kind = EventKind(int(events.kind[j])).name.lower()
+        after = _state(State(events.after.q[j], events.after.v[j]))
+        yield (
+            f"{j:>5} {float(events.time[j]):>14.9f} {kind:>8} {contact:>7} {float(events.closing_speed[j]):>14.6g} "
+            f"{float(events.impulse[j, contact]):>12.6g}  {after}{' *' if events.order_matters[j] else ''}"
+        )
+    if np.any(events.order_matters[:count]):
+        yield (
+            "* Contacts that act on each other were met at the same instant. Another order of their impacts has "
+            "another outcome, so derivatives of what follows are one-sided at best."
+        )
+
+
+def _state(state: State) -> str:
+    with np.printoptions(precision=6, suppress=False):
+        return f"q = {np.asarray(state.q)}, v = {np.asarray(state.v)}"

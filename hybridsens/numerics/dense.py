@@ -1,0 +1,148 @@
+"""Symmetric positive definite systems of any size, with one derivative rule: A dx = db - dA x.
+
+A call into LAPACK inside a compiled loop costs more than a small elimination itself and keeps XLA from compiling the
+loop into one kernel, so small systems are written out, and those of middle size are inverted by a loop of pivots.
+"""
+
+import jax
+import jax.numpy as jnp
+import jax.scipy.linalg as jsl
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from .small_arrays import any_of
+
+PLAIN = 2
+"""Up to this many unknowns the elimination is so short that it is differentiated as it stands."""
+UNROLLED = 4
+"""Up to this many it is written out: it takes n^3 / 6 operations to compile."""
+LOOPED = 32
+"""Up to this many the inverse is made by a loop of pivots; beyond, the library is faster."""
+
+
+def solve_spd(matrix: Float[Array, "n n"], right: Float[Array, "n *m"]) -> Float[Array, "n *m"]:
+    """Solve A x = b for a symmetric positive definite A; b is a vector or has one column per right-hand side."""
+    if matrix.shape[0] <= PLAIN:
+        return _solve_ldl(*_ldl(matrix), right)
+    return _solve(matrix, right)
+
+
+@jax.custom_jvp
+def _solve(matrix, right):
+    return _solver(matrix)(right)
+
+
+@_solve.defjvp
+def _solve_jvp(primals, tangents):
+    """Nothing is differentiated through an elimination, in no mode and no order: all derivatives are solves again."""
+    return jax.jvp(_solve_by_rule, primals, tangents)
+
+
+def _solve_by_rule(matrix, right):
+    return linear_solve(lambda x: matrix @ x, right, _solver(lax.stop_gradient(matrix)))
+
+
+def linear_solve(product, right, solve) -> Array:
+    """`solve(right)`, differentiated as the solution of a symmetric system, product(x) = right."""
+    return lax.custom_linear_solve(product, right, lambda _, b: solve(b), symmetric=True)
+
+
+def _solver(matrix):
+    """A function of b that solves A x = b, made from A once."""
+    if matrix.shape[0] <= UNROLLED:
+        factors = _ldl(matrix)
+        return lambda b: _solve_ldl(*factors, b)
+    if matrix.shape[0] <= LOOPED:
+        return refined(matrix, _inverse(matrix))
+    factor = jsl.cho_factor(matrix)
+    return lambda b: jsl.cho_solve(factor, b)
+
+
+def refined(matrix: Float[Array, "n n"], inverse: Float[Array, "n n"]):
+    """A^-1 b by a known inverse and one correction by what is left, which makes it as exact as factors are."""
+
+    def solve(b):
+        x = inverse @ b
+        return x + inverse @ (b - matrix @ x)
+
+    return solve
+
+
+def pivots(matrix: Float[Array, "n n"]) -> Float[Array, "n"]:
+    """Pivots of the elimination of a symmetric matrix: all positive if and only if it is positive definite.
+
+    Where they are not, those after the first one that is not positive mean nothing."""
+    n = matrix.shape[0]
+    if n <= UNROLLED:
+        return jnp.stack(_ldl(matrix)[1]) if n else jnp.zeros(0, matrix.dtype)
+    if n <= LOOPED:
+        take = lambda k, carry: (principal_pivot(carry[0], k), carry[1].at[k].set(carry[0][k, k]))
+        return lax.fori_loop(0, n, take, (matrix, jnp.zeros(n, matrix.dtype)))[1]
+    return jnp.diagonal(jnp.linalg.cholesky(matrix))  # not a number where there is none
+
+
+def principal_pivot(tableau: Float[Array, "n columns"], k) -> Float[Array, "n columns"]:
+    """The relations y = T (x, 1) with x_k and y_k exchanged (Tucker's principal pivot): O(n^2).
+
+    From T = (W, b), pivoted on every member of S: the rows of S tell x_S = -W_SS^-1 b_S, the others the residual
+    W x + b, and the diagonal of the others what is left of W when S is eliminated: 0 for a column that depends on S."""
+    n, columns = tableau.shape
+    here, there = jnp.arange(n) == k, jnp.arange(columns) == k
+    row, column = jnp.where(there, -1, tableau[k]) / -tableau[k, k], tableau[:, k]
+    rest = jnp.where(there, 0, tableau) + column[:, None] * row
+    return jnp.where(here[:, None], row, rest)
+
+
+def pivoted_on(tableau: Float[Array, "n columns"], members: Bool[Array, "n"]) -> Float[Array, "n columns"]:
+    """The tableau after a principal pivot on each member."""
+
+    def take(carry):
+        T, left = carry
+        k = jnp.argmax(left)
+        return principal_pivot(T, k), left & (jnp.arange(left.shape[0]) != k)
+
+    return lax.while_loop(lambda carry: any_of(carry[1]), take, (tableau, members))[0]
+
+
+def _inverse(matrix):
+    """By n pivots of the whole array in one loop: little to compile."""
+    return lax.fori_loop(0, matrix.shape[0], lambda k, T: principal_pivot(T, k), matrix)
+
+
+def _ldl(A):
+    """A = L D L^T with unit lower triangular L, as nested lists of scalars."""
+    n = A.shape[0]
+    L = [[None] * n for _ in range(n)]
+    d = []
+    for j in range(n):
+        d.append(A[j, j] - sum(L[j][k] ** 2 * d[k] for k in range(j)))
+        for i in range(j + 1, n):
+            L[i][j] = (A[i, j] - sum(L[i][k] * L[j][k] * d[k] for k in range(j))) / d[j]
+    return L, d
+
+
+def _solve_ldl(L, d, b):
+    n = len(d)
+    if n == 0:
+        return b
+    y = []
+    for i in range(n):
+        y.append(b[i] - sum(L[i][k] * y[k] for k in range(i)))
+    x: list = [None] * n
+    for i in reversed(range(n)):
+        x[i] = y[i] / d[i] - sum(L[k][i] * x[k] for k in range(i + 1, n))
+    return jnp.stack(x)
+
+
+def solve_masked(
+    matrix: Float[Array, "n n"], right: Float[Array, "n"], members: Float[Array, "n"]
+) -> Float[Array, "n"]:
+    """Solve A_SS x_S = b_S, x = 0 outside S, where `members` is 1 in S and 0 outside (A_SS must be definite).
+
+    Beyond `UNROLLED` by one pivot for every member: what has few members costs little."""
+    masked = matrix * jnp.outer(members, members) + jnp.diag(1 - members)
+    if matrix.shape[0] <= UNROLLED:
+        return solve_spd(masked, right * members)
+    held = lax.stop_gradient(masked)
+    inverse = pivoted_on(held, lax.stop_gradient(members) > 0)  # outside of S it is the identity
+    return linear_solve(lambda x: masked @ x, right * members, refined(held, inverse))

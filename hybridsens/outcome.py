@@ -1,0 +1,141 @@
+"""How much work a motion took; and what becomes of one that did not reach its end: it is raised, or made nan."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.experimental.buffer_callback import buffer_callback
+from jaxtyping import Array, Int
+
+from .status import Status
+
+
+class Steps(NamedTuple):
+    """How much work the motion took."""
+
+    accepted: Int[Array, "*batch"]
+    rejected: Int[Array, "*batch"]
+    """Steps tried and not kept, for their error or because they overshot an event."""
+
+
+class SimulationError(RuntimeError):
+    """A motion that did not reach its end, with `throw=True`."""
+
+
+Motion = TypeVar("Motion", bound=eqx.Module)
+"""What a motion left: a PyTree of arrays with a `status`."""
+
+
+def raise_unless_successful(trajectory: Motion, describe: Callable[[Any], str] = lambda _: "") -> Motion:
+    """The trajectory; of a batch, the status that comes last in `Status` is raised.
+
+    `describe` adds what the values show, where they can be seen.
+
+    Raises: SimulationError where the outcome can be seen, also in `jax.grad` and `jax.vmap`; under `jax.jit`, where
+    only the compiled program sees it, JAX makes a JaxRuntimeError of it (a ValueError where the program ran on in the
+    background and is waited for).
+    """
+    (code,) = jax.tree.leaves(jax.tree.map(_without_tangent, cast(Any, trajectory).status))
+    worst = _worst(jnp.asarray(code))
+    if isinstance(worst, jax.core.Tracer):
+        one = _one_or_raise(worst)  # a factor, so that what a gradient comes from has been checked too
+        return jax.tree.map(lambda leaf: _times(leaf, one) if eqx.is_array(leaf) else leaf, trajectory)
+    if worst != _code(Status.successful):
+        raise SimulationError(_message(worst) + describe(trajectory))
+    return trajectory
+
+
+def nan_unless_reached(trajectory: Motion, given: Any) -> Motion:
+    """The trajectory, with all that is real in it made nan where the motion did not reach its end, and its derivatives
+    by all that is given too."""
+    status = jax.tree.map(_without_tangent, cast(Any, trajectory).status)
+    reached = (status == Status.successful) | (status == Status.grazing)
+    nan = jnp.where(reached, 0, jnp.nan)
+    spoil = sum(_spoil(nan.astype(leaf.dtype), leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf))
+    spoilt = lambda leaf: (1 + nan).astype(leaf.dtype) * leaf + spoil
+    return jax.tree.map(lambda leaf: spoilt(leaf) if eqx.is_inexact_array(leaf) else leaf, trajectory)
+
+
+@jax.custom_jvp
+def _spoil(nan, leaf):
+    """0 or nan, and so is its derivative by the leaf."""
+    del leaf
+    return nan
+
+
+@_spoil.defjvp
+def _spoil_jvp(primals, tangents):
+    nan, _ = primals
+    return nan, nan * jnp.sum(tangents[1])
+
+
+def _message(code) -> str:
+    return f"The motion did not reach its end: {Status[_status(code)]}"
+
+
+def _status(code) -> Any:
+    return jax.tree.unflatten(jax.tree.structure(Status.successful), [np.asarray(code)])
+
+
+def _code(status) -> int:
+    (code,) = jax.tree.leaves(status)
+    return int(code)
+
+
+@jax.custom_batching.custom_vmap
+def _worst(code):
+    """The largest of a batch of codes: that of success is 0."""
+    return code
+
+
+@_worst.def_vmap
+def _worst_of_batch(size, batched, codes):
+    del size, batched
+    return _worst(jnp.max(codes)), False
+
+
+def _one_or_raise(code):
+    """1, by a branch that raises if it is not to be: nothing that hangs on it is computed before."""
+    one = jnp.ones((), jnp.int32)
+    return lax.cond(code == _code(Status.successful), lambda: one, lambda: _call_host(_raise, jax.typeof(one), code))
+
+
+def _times(leaf, one):
+    return leaf & (one == 1) if leaf.dtype == bool else leaf * one.astype(leaf.dtype)
+
+
+def _call_host(function: Callable, result, code):
+    """A call of Python from a compiled program. On a CPU by that of JAX's ways that does not log what is raised."""
+    shape = jax.ShapeDtypeStruct(result.shape, result.dtype)
+    if jax.default_backend() == "cpu":
+        return buffer_callback(lambda _, out, code: function(np.asarray(code)), shape)(code)
+    return jax.pure_callback(function, shape, code)
+
+
+def _raise(code):
+    """Raise from inside of a generator. XLA writes the calls that led to an error before its text, from the innermost
+    one outward; those that led to a generator are not known to it, so the text follows at once."""
+    next(_raising(_message(code)))
+
+
+def _raising(message: str):
+    raise SimulationError(message)
+    yield
+
+
+@jax.custom_jvp
+def _without_tangent(number):
+    """An integer that a check may look at in the middle of differentiation (checks have no rule for its empty
+    tangent)."""
+    return number
+
+
+@_without_tangent.defjvp
+def _without_tangent_jvp(primals, tangents):
+    del tangents
+    return primals[0], np.zeros(jnp.shape(primals[0]), jax.dtypes.float0)

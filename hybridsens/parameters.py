@@ -1,0 +1,111 @@
+"""The parameters of a scene or a system by name: `mass`, `arm.length`, and `mass[0, 1]` for an entry of an array.
+
+A parameter is a leaf with a floating point type. Every study names them by the rule of this file.
+"""
+
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+from .validation.spelling import did_you_mean
+
+_ENTRY = re.compile(r"(?P<leaf>.+)\[(?P<index>\d+(, ?\d+)*)\]")
+
+
+class FlatParameters(NamedTuple):
+    """All parameters in one vector."""
+
+    names: tuple[str, ...]
+    """Name of each entry."""
+    vector: Float[Array, "parameter"]
+    rebuild: Callable[[Float[Array, "parameter"]], Any]
+    """The scene with the entries of a vector in their places."""
+
+
+def flatten_parameters(scene: Any) -> FlatParameters:
+    """All parameters of a scene, or of any other PyTree that holds them.
+
+    Raises: ValueError if there are none.
+    """
+    arrays, rest = eqx.partition(scene, eqx.is_inexact_array)
+    vector, unravel = ravel_pytree(arrays)
+    if vector.size == 0:
+        raise ValueError("`scene` must have at least one floating point array as a parameter, but has none.")
+    names = [entry for name, leaf in parameters(arrays).items() for entry in entry_names(name, np.shape(leaf))]
+    return FlatParameters(tuple(names), vector, lambda vector: eqx.combine(unravel(vector), rest))
+
+
+def parameters(scene: Any) -> dict[str, Any]:
+    """The parameters by name."""
+    leaves = jax.tree_util.tree_leaves_with_path(scene)
+    return {_name(path): leaf for path, leaf in leaves if eqx.is_inexact_array(leaf) or _is_struct(leaf)}
+
+
+def parameter_places(scene: Any) -> dict[str, int]:
+    """Name of each parameter -> its place among all leaves."""
+    leaves = jax.tree_util.tree_leaves_with_path(scene)
+    return {_name(path): place for place, (path, leaf) in enumerate(leaves) if eqx.is_inexact_array(leaf)}
+
+
+def entry_names(name: str, shape: tuple[int, ...]) -> list[str]:
+    """Names of the entries of one parameter: `mass` of a scalar, `mass[0, 1]` of an array."""
+    return [f"{name}[{', '.join(map(str, index))}]" if index else name for index in np.ndindex(*shape)]
+
+
+def split_name(name: str) -> tuple[str, tuple[int, ...] | None]:
+    """`stiffness[1]` -> ("stiffness", (1,)); `mass` -> ("mass", None)."""
+    match = _ENTRY.fullmatch(name)
+    if match is None:
+        return name, None
+    return match["leaf"], tuple(int(part) for part in match["index"].split(","))
+
+
+def replace(scene: Any, values: dict[str, Any]) -> Any:
+    """The scene with the named parameters, or entries of them, replaced."""
+    leaves, tree = jax.tree_util.tree_flatten_with_path(scene)
+    place = {_name(path): number for number, (path, _) in enumerate(leaves)}
+    new = [leaf for _, leaf in leaves]
+    for name, value in values.items():
+        leaf, index = split_name(name)
+        old = new[place[leaf]]
+        value = jnp.asarray(value, old.dtype)
+        new[place[leaf]] = value if index is None else old.at[index].set(value)
+    return tree.unflatten(new)
+
+
+def check_names(scene: Any, names) -> None:
+    """Raises ValueError unless every name is a scalar parameter of the scene, or a scalar entry of one."""
+    known = parameters(scene)
+    for name in names:
+        leaf, index = split_name(name)
+        if leaf not in known:
+            raise ValueError(
+                f"A parameter must have one of the names {', '.join(known)}, but has the name {name!r}."
+                f"{did_you_mean(leaf, known)}"
+            )
+        shape = known[leaf].shape
+        inside = (
+            index is not None and len(index) == len(shape) and all(i < n for i, n in zip(index, shape, strict=True))
+        )
+        if not inside and (index is not None or shape != ()):
+            raise ValueError(
+                f"{leaf!r} has shape {shape}, so its entries must be named one by one, such as "
+                f"'{leaf}[{', '.join('0' for _ in shape)}]', but the name is {name!r}."
+                if shape
+                else f"{leaf!r} is a scalar and must be named without an index, but the name is {name!r}."
+            )
+
+
+def _name(path) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator=".") or "value"
+
+
+def _is_struct(leaf) -> bool:
+    return isinstance(leaf, jax.ShapeDtypeStruct) and jnp.issubdtype(leaf.dtype, jnp.inexact)

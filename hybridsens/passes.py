@@ -1,0 +1,187 @@
+"""One motion: its forward pass, its backward pass, and what both become in forward mode."""
+
+import math
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .adjoint.backward import pull_back
+from .adjoint.control import DerivativeControl, control_order
+from .adjoint.forward_sensitivity import ForwardPass, push_forward
+from .adjoint.methods import AbstractGradientMethod
+from .adjoint.segment_steps import recomputed_steps, recorded_steps
+from .adjoint.step_adjoint import step_adjoint
+from .adjoint.steps_back import BackwardPass, Cotangents
+from .flat_system import AbstractFlatSystem, Mode
+from .forward.method import Method
+from .forward.record import Motion, empty_motion
+from .forward.sampling import sample_states
+from .forward.segment_loop import run_segments
+from .forward.solver import TERM, FlowSize, flow_size
+from .reported import Reported, event_rows
+from .status import Status
+
+
+class Problem(NamedTuple):
+    """Everything that a motion is differentiated by."""
+
+    system: AbstractFlatSystem
+    x0: Float[Array, "state"]
+    t0: Float[Array, ""]
+    t1: Float[Array, ""]
+    ts: Float[Array, "sample"] | None
+
+
+class Options(NamedTuple):
+    """Everything else that a motion depends on."""
+
+    mode: Mode
+    """The mode to begin in; what a system that chooses its own is given to choose from."""
+    status: Status
+    """`Status.running`, or why the motion must not start."""
+    method: Method
+
+
+class BackwardOptions(NamedTuple):
+    """How to go back: by which method, and whether the ends of the horizon are differentiated by."""
+
+    adjoint: AbstractGradientMethod
+    by_t0: bool
+    by_t1: bool
+
+
+@eqx.filter_custom_jvp
+def _go(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
+    """A motion and its samples."""
+    motion = _run(problem, options)
+    return motion, _samples(problem, options, motion)
+
+
+go_forward = eqx.filter_jit(_go)  # traced for the value and again for its gradient: the second time it is looked up
+
+
+@_go.def_jvp
+def _go_jvp(primals, tangents):
+    """The variation may take shorter steps; what it varies stays the motion without it, as `jax.linearize` asks."""
+    problem, options = primals
+    motion, samples = go_forward(problem, options)
+
+    def vary(problem):
+        followed = _follow(problem, options, motion)
+        return followed, _samples(problem, options, followed)
+
+    return (motion, samples), eqx.filter_jvp(vary, (problem,), (tangents[0],))[1]
+
+
+def _samples(problem: Problem, options: Options, motion: Motion):
+    if problem.ts is None:
+        return None
+    solver = options.method.replay_solver(_flow_size(problem, options))
+    samples = sample_states(problem.system, solver, motion, problem.ts, forward_mode=True)  # `_sample_vjp` goes back
+    reached = problem.ts <= motion.t
+    return jnp.where(reached[:, None], samples, jnp.nan)  # one that broke off has no states further on
+
+
+@eqx.filter_custom_jvp
+def go_back(problem: Problem, options: Options, motion: Motion, bar: Reported, way: BackwardOptions) -> Problem:
+    return _pull_back(problem, options, motion, bar, way)
+
+
+@go_back.def_jvp
+def _go_back_jvp(primals, tangents):
+    """Forward over reverse: as in `_go_jvp`."""
+    problem, options, motion, bar, way = primals
+    vary = lambda problem, bar: _pull_back(problem, options, _follow(problem, options, motion), bar, way)
+    d_gradient = eqx.filter_jvp(vary, (problem, bar), (tangents[0], tangents[3]))[1]
+    return go_back(*primals), d_gradient
+
+
+def _pull_back(problem: Problem, options: Options, motion: Motion, bar: Reported, way: BackwardOptions) -> Problem:
+    parameters, static = eqx.partition(problem.system, eqx.is_inexact_array)
+    method = options.method
+    replay = method.replay_solver(_flow_size(problem, options))
+    final = jnp.zeros_like(motion.x) if bar.final is None else bar.final
+    by_events = event_rows(motion, method.max_events, (bar.time, bar.before, bar.after, bar.emitted))
+    time, before, after, emitted = by_events
+    cotangents = Cotangents(final, time, before, after, emitted, bar.samples)
+    ts = None if bar.samples is None else problem.ts
+    carry_back = step_adjoint(way.adjoint, replay, method.derivative_rtol != math.inf)
+    backward = BackwardPass(parameters, static, carry_back, _control(method, replay), cotangents, ts)
+    start = (problem.t0, problem.x0)
+    find_steps = recorded_steps
+    if method.segment_steps is not None:
+        stepper = method.stepper(_flow_size(problem, options))
+        find_steps = partial(recomputed_steps, problem.system, stepper, start, problem.t1)
+    gradient = pull_back(backward, find_steps, motion, start, problem.t1, (way.by_t0, way.by_t1))
+    ts_bar = None if ts is None else _by_sample_times(problem, replay, motion, bar.samples)
+    return Problem(gradient.parameters, gradient.x0, gradient.t0, gradient.t1, ts_bar)
+
+
+def _control(method: Method, solver) -> DerivativeControl:
+    """What a derivative may be off by in a step.
+
+    Ordinary steps leave about a hundred times the motion's tolerance by the embedded estimate, which is of lower order
+    than they are. At rough tolerances the estimate is no longer as pessimistic."""
+    rtol = method.derivative_rtol
+    if rtol is None:
+        rtol = jnp.minimum(100 * method.rtol, jnp.maximum(1e-5, method.rtol))
+    return DerivativeControl(rtol, method.atol / method.rtol, control_order(solver, TERM), 4 * method.max_steps)
+
+
+def _by_sample_times(problem: Problem, solver, motion: Motion, samples_bar):
+    """Cotangents of the times asked for: a later sample lies further along the flow."""
+    sample = lambda ts: sample_states(problem.system, solver, motion, ts)
+    return jax.vjp(sample, problem.ts)[1](samples_bar)[0]
+
+
+def _run(problem: Problem, options: Options) -> Motion:
+    """The forward pass."""
+    system, x0, t0, t1, _ = problem
+    stepper = options.method.stepper(_flow_size(problem, options))
+    method = options.method
+    room = method.max_events, method.max_steps if method.segment_steps is None else 0
+    motion = empty_motion(system, t0, x0, options.mode, *room, options.status)
+    return run_segments(system, stepper, t1, motion)
+
+
+@eqx.filter_custom_jvp
+def _follow(problem: Problem, options: Options, motion: Motion) -> Motion:
+    """A motion that is known. In forward mode: with the steps that its variation takes, and with that variation."""
+    del problem, options
+    return motion
+
+
+@_follow.def_jvp
+def _follow_jvp(primals, tangents):
+    problem, options, motion = primals
+    if options.method.segment_steps is not None:
+        raise NotImplementedError(
+            "Forward mode and second derivatives need recorded steps, which Replay(recompute=True) does not keep: use "
+            "Replay() or ForwardSensitivities()."
+        )
+    motion = _follow(problem, options, motion)  # where this is differentiated again, by the derivative around it
+    parameters, static = eqx.partition(problem.system, eqx.is_inexact_array)
+    d_inputs = tangents[0]
+    d_parameters = _filled(parameters, eqx.filter(d_inputs.system, eqx.is_inexact_array))
+    d_ends = tuple(_filled(p, d) for p, d in zip(problem[1:4], d_inputs[1:4], strict=True))
+    solver = options.method.replay_solver(_flow_size(problem, options))
+    forward = ForwardPass(parameters, static, d_parameters, solver, _control(options.method, solver))
+    motion, d = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
+    moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.time, m.events.before, m.events.after, m.events.emitted)
+    d_moved = (d.final, d.steps_t, d.steps_x, d.time, d.before, d.after, d.emitted)
+    return motion, eqx.tree_at(moved, nothing, d_moved)
+
+
+def _flow_size(problem: Problem, options: Options) -> FlowSize:
+    return flow_size(problem.system, options.mode, problem.t0, problem.x0)
+
+
+def _filled(primal, tangent):
+    """Tangents with zeros where nothing moves."""
+    fill = lambda p, t: jnp.zeros_like(p) if t is None and p is not None else t
+    return jax.tree.map(fill, primal, tangent, is_leaf=lambda leaf: leaf is None)

@@ -1,0 +1,118 @@
+"""A moving picture of a planar scene, from the outlines of its bodies."""
+
+import base64
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+
+from ..mechanics.scene import AbstractScene
+from ..mechanics.trajectory import Trajectory
+from .figure import LINES, Picture, must_be_sampled
+
+MOST_FRAMES = 600
+
+
+class Animation:
+    """A moving picture: `save` writes a GIF or an HTML page, and a notebook shows it."""
+
+    def __init__(self, moving: FuncAnimation, frames_per_second: float | int):
+        self.moving = moving
+        self.frames_per_second = frames_per_second
+
+    def save(self, path: str | Path) -> None:
+        """Write the animation to a `.gif`, or to a page `.html` in which it can be stopped and moved by hand.
+
+        Raises: ValueError for another kind of file."""
+        path = Path(path)
+        if path.suffix not in {".gif", ".html"}:
+            raise ValueError(f"`path` must end in .gif or .html, but is {path.name}.")
+        if path.suffix == ".gif":
+            self.moving.save(path, writer=PillowWriter(fps=round(self.frames_per_second)))
+        else:
+            path.write_text(self.moving.to_jshtml(fps=round(self.frames_per_second)))
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the GIF itself, which the notebook keeps."""
+        with tempfile.TemporaryDirectory() as folder:
+            self.save(Path(folder) / "motion.gif")
+            data = base64.b64encode((Path(folder) / "motion.gif").read_bytes()).decode()
+        return f"<img src='data:image/gif;base64,{data}' alt='the motion'>"
+
+
+def animate(
+    scene: AbstractScene,
+    trajectory: Trajectory,
+    draw: Callable[[Any], Sequence] | None = None,
+    *,
+    frames_per_second: float | int = 25.0,
+    speed: float | int = 1.0,
+    size: tuple[float | int, float | int] = (5.0, 4.0),
+) -> Animation:
+    """A moving picture of a planar scene.
+
+    Arguments:
+
+    - `scene`, `trajectory`: what moved, and its motion with samples (`ts=`), at least as dense as the frames.
+    - `draw`: `draw(q)` or, for what moves by itself, `draw(q, t)` returns the outlines of all bodies at one instant:
+      arrays (point, 2) in metres, closed ones with their first point again at the end, such as
+      `hybridsens.planar.circle(...)`. Default: the scene's own method `draw`.
+    - `frames_per_second`, `speed`: of the picture; speed 0.5 shows the motion at half its pace.
+    - `size`: of the picture, in inches.
+
+    Each frame shows the sample that is nearest to its time.
+    Raises: ValueError without samples, without outlines, or for more than 600 frames.
+    """
+    ts, q = must_be_sampled(trajectory)
+    outlines = _outlines(scene, draw)
+    count = int(np.ceil((ts[-1] - ts[0]) / speed * frames_per_second)) + 1
+    if count > MOST_FRAMES:
+        raise ValueError(f"An animation has {MOST_FRAMES} frames at most, but this one has {count}: raise `speed`.")
+    times = np.linspace(ts[0], ts[-1], count)
+    nearest = np.abs(ts[None, :] - times[:, None]).argmin(axis=1)
+    frames = [[np.asarray(body) for body in outlines(q[k], ts[k])] for k in nearest]
+    return Animation(_moving(frames, ts[nearest], size, 1000 / frames_per_second), frames_per_second)
+
+
+def _moving(frames, times, size, interval: float) -> FuncAnimation:
+    figure = Picture(figsize=size, layout="constrained")
+    axes = figure.subplots()
+    _frame_axes(axes, np.concatenate([body for bodies in frames for body in bodies]))
+    lines = [axes.plot([], [], color=LINES[i % len(LINES)][0], linewidth=2)[0] for i in range(len(frames[0]))]
+    clock = axes.text(0.02, 0.98, "", transform=axes.transAxes, va="top", family="monospace", fontsize="small")
+
+    def show(k: int):
+        for line, body in zip(lines, frames[k], strict=True):
+            line.set_data(body[:, 0], body[:, 1])
+        clock.set_text(f"t = {times[k]:.2f} s")
+        return [*lines, clock]
+
+    return FuncAnimation(figure, show, frames=len(frames), interval=interval, blit=False)
+
+
+def _frame_axes(axes: Axes, points) -> None:
+    """Equal axes that hold all that is ever drawn."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * max(*(high - low), 1e-9)
+    axes.set_xlim(low[0] - margin, high[0] + margin)
+    axes.set_ylim(low[1] - margin, high[1] + margin)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def _outlines(scene: Any, draw: Callable | None) -> Callable:
+    """(q, t) -> outlines, from a function of q or of both."""
+    draw = getattr(scene, "draw", None) if draw is None else draw
+    if draw is None:
+        raise ValueError(
+            f"`draw` must be given for a {type(scene).__name__}, or be a method of it: draw(q) -> outlines, arrays "
+            "(point, 2)."
+        )
+    code = getattr(draw, "__func__", draw).__code__
+    takes = code.co_argcount - (1 if hasattr(draw, "__self__") else 0)
+    return draw if takes > 1 else lambda q, t: draw(q)

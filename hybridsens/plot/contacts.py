@@ -1,0 +1,63 @@
+"""The picture of what contacts do: forces while they are held, impulses when they strike."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..export.names import contact_names
+from ..mechanics.flow import multipliers
+from ..mechanics.mode import closeness
+from ..mechanics.scene import AbstractScene
+from ..mechanics.trajectory import Trajectory
+from .figure import LINES, must_be_sampled, new_figure
+from .motion import with_events
+
+
+def contact_forces(scene: AbstractScene, trajectory: Trajectory):
+    """Times, with those of events twice, and the force of each contact at them (time, contact): lambda of
+    M v' = F + G lambda [N] where the contact is held closed, 0 where it is open.
+
+    Arguments: the scene that moved, and its trajectory with samples. Raises: ValueError without samples, or for a
+    batch.
+    """
+    must_be_sampled(trajectory)
+    t, q, v = with_events(trajectory)
+    active = _closed(scene, t, q)
+    forces = jax.vmap(lambda t, q, v, active: multipliers(scene, t, q, v, active))(jnp.asarray(t), q, v, active)
+    return t, np.asarray(forces)
+
+
+def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
+    """Forces of held contacts over time, and below them the impulse of each impact.
+
+    Arguments: the scene that moved; its trajectory with samples (`ts=`), which should be dense.
+    Returns: the figure. Raises: ValueError without samples, or for a batch.
+    """
+    t, forces = contact_forces(scene, trajectory)
+    names = contact_names(scene, forces.shape[1])
+    figure = new_figure((8, 4.5))
+    above, below = figure.subplots(2, 1, sharex=True)
+    events, n = trajectory.events, int(trajectory.events.count)
+    for i, name in enumerate(names):
+        colour, style = LINES[i % len(LINES)]
+        above.plot(t, forces[:, i], style, color=colour, linewidth=1.4, label=name)
+        impulse, time = np.asarray(events.impulse[:n, i]), np.asarray(events.time[:n])
+        below.vlines(time[impulse != 0], 0, impulse[impulse != 0], color=colour, linestyle=style, linewidth=1.6)
+        below.plot(time[impulse != 0], impulse[impulse != 0], "o", color=colour, markersize=4)
+    above.set_ylabel("force of held\ncontacts [N]")
+    below.set_ylabel("impulse of\nimpacts [N s]")
+    below.set_xlabel("time [s]")
+    below.set_ylim(bottom=0)
+    above.legend(title="contact", frameon=False, fontsize="small")
+    return figure
+
+
+def _closed(scene: AbstractScene, t, q):
+    """Which contacts are held at each time: the gap is 0 to rounding there and at the next time or the one before, so
+    that a contact that is only touched is not taken for a held one."""
+    gap = jax.vmap(scene.gap)(jnp.asarray(t), q)
+    still = jnp.abs(gap) <= 100 * closeness(gap.dtype) * jnp.maximum(jnp.max(jnp.abs(gap), initial=0), 1e-30)
+    together = still[1:] & still[:-1] & (jnp.diff(jnp.asarray(t)) > 0)[:, None]
+    never = jnp.zeros((1, gap.shape[1]), bool)
+    return jnp.concatenate([together, never]) | jnp.concatenate([never, together])

@@ -1,0 +1,52 @@
+"""The costate along a motion: what a change of the state at each instant would do to the cost."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Array
+from matplotlib.figure import Figure
+
+from ..export.names import coordinate_names
+from ..mechanics.scene import AbstractScene, State
+from ..mechanics.trajectory import Trajectory
+from .figure import LINES, must_be_sampled, new_figure
+
+
+def costate(trajectory: Trajectory, cost: Callable[[Trajectory], Array]) -> State:
+    """dJ/dq(t) and dJ/dv(t) at every sample of a motion, as a `State` of arrays (sample, dof).
+
+    The motion is started again at each sample and followed to t1, and `cost` of what follows is differentiated by the
+    state there. So J must be made of what follows: the final state, or a running cost. While a contact is held, only
+    changes along it count. A sample at t1, where nothing follows, is nan.
+
+    Raises: ValueError without samples, for a batch, or for a motion that does not know its scene (see
+    `Trajectory.evaluate`).
+    """
+    must_be_sampled(trajectory)
+    return trajectory.from_each_sample(cost)
+
+
+def plot_costate(scene: AbstractScene, trajectory: Trajectory, cost: Callable[[Trajectory], Array]) -> Figure:
+    """The costate over time, one line for each coordinate, above those of the velocities. It jumps at impacts, where
+    the lines are broken.
+
+    Arguments: the scene; its trajectory with samples (`ts=`), which should be dense; `cost(trajectory) -> J`.
+    Returns: the figure. Raises: as `costate`.
+    """
+    found = costate(trajectory, cost)
+    figure = new_figure((8, 5))
+    t, n = np.asarray(trajectory.ts), int(trajectory.events.count)
+    times = np.asarray(trajectory.events.time[:n])
+    names = coordinate_names(scene, trajectory.final.q.shape[0])
+    pieces = np.split(np.arange(t.size), np.searchsorted(t, times))
+    for axes, values, labels in zip(figure.subplots(2, 1, sharex=True), (found.q, found.v), names, strict=True):
+        for i, label in enumerate(labels):
+            colour, style = LINES[i % len(LINES)]
+            for k, piece in enumerate(pieces):
+                axes.plot(t[piece], np.asarray(values[piece, i]), style, color=colour, label=None if k else label)
+        for time in times:
+            axes.axvline(time, color="0.8", linewidth=0.7, zorder=0)
+        axes.legend(frameon=False, fontsize="small")
+        axes.set_ylabel("dJ / d(...)")
+    figure.axes[-1].set_xlabel("time [s]")
+    return figure

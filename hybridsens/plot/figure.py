@@ -1,0 +1,51 @@
+"""What all pictures share: figures that a notebook shows, colours and lines, what can be drawn at all."""
+
+import io
+import sys
+
+import jax.core
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..mechanics.trajectory import Trajectory
+from ..solution import Solution
+
+LINES = (("#14213d", "-"), ("#c8553d", "--"), ("#5b8e7d", "-."), ("#8d99ae", ":"))
+"""Colours and styles: lines differ in style too, so that they read in grey print."""
+ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "fontsize": "small", "borderaxespad": 0.1}
+"""Legends stand above their axes, where no line can cross them."""
+
+
+class Picture(Figure):
+    """A Matplotlib figure that a notebook shows by itself, with pyplot imported or not."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png", dpi=100)
+        return file.getvalue()
+
+
+def new_figure(size: tuple[float | int, float | int]) -> Figure:
+    """A figure of that many inches. Where `plt.show()` opens windows it is one of pyplot's, so that it is shown there;
+    in a notebook it is not, since pyplot would show it a second time."""
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    backend = "" if pyplot is None else pyplot.get_backend().lower()
+    if pyplot is None or "inline" in backend or backend == "agg":
+        return Picture(figsize=size, layout="constrained")
+    return pyplot.figure(figsize=size, layout="constrained")
+
+
+def must_be_sampled(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Times and configurations of the samples. Raises: ValueError where there are none, or of a batch."""
+    return sample_times("trajectory", trajectory), np.asarray(trajectory.q)
+
+
+def sample_times(name: str, motion: Trajectory | Solution) -> np.ndarray:
+    """Times of the samples of what an argument `name` is. Raises: ValueError where there are none, or of a batch."""
+    if isinstance(motion.events.count, jax.core.Tracer):
+        raise ValueError("A motion is drawn outside of jax.jit, jax.grad and jax.vmap.")
+    if motion.ts is None:
+        raise ValueError(f"`{name}` must have samples to be drawn, but has none: pass `ts=` where it is made.")
+    if motion.ts.ndim != 1:
+        raise ValueError(f"`{name}` must be one motion, but is a batch of {motion.ts.shape[:-1]}.")
+    return np.asarray(motion.ts)

@@ -1,0 +1,84 @@
+"""The picture of a motion over time: gaps, velocities, contacts."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..mechanics.contact import gap_and_rate
+from ..mechanics.mode import EventKind, closeness
+from ..mechanics.scene import AbstractScene
+from ..mechanics.trajectory import Trajectory
+from .figure import ABOVE, LINES, must_be_sampled, new_figure
+
+_MARKS = {EventKind.IMPACT: ("v", "black"), EventKind.CAPTURE: ("s", "0.6"), EventKind.RELEASE: ("^", "white")}
+
+
+def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axes] | None = None) -> Figure:
+    """Gaps with their events, velocities, and the times at which each contact is closed, over time.
+
+    Arguments: the scene that moved; its trajectory with samples (`ts=`), which should be dense; three axes to draw in,
+    from top to bottom, or None for a new figure.
+    Returns: the figure. Raises: ValueError if the trajectory has no samples or is a batch.
+    """
+    must_be_sampled(trajectory)
+    if axes is None:
+        figure = new_figure((8, 6))
+        axes = list(figure.subplots(3, 1, sharex=True, height_ratios=[3, 3, 1]))
+    t, q, v = with_events(trajectory)
+    gaps = np.asarray(jax.vmap(lambda t, q, v: gap_and_rate(scene, t, q, v)[0])(jnp.asarray(t), q, v))
+    draw_lines(axes[0], t, gaps, "gap")
+    _draw_events(axes[0], trajectory)
+    draw_lines(axes[1], t, np.asarray(v), "velocity")
+    _draw_closed(axes[2], t, gaps, trajectory)
+    axes[2].set_xlabel("time [s]")
+    return axes[0].get_figure(root=True)  # type: ignore[return-value]
+
+
+def with_events(trajectory: Trajectory):
+    """Samples, with the states just before and just after every event among them in the order of time."""
+    events, count = trajectory.events, int(trajectory.events.count)
+    time = events.time[:count]
+    t = np.concatenate([time, time, np.asarray(trajectory.ts)])  # sorting is stable: before, after, sample
+    order = np.argsort(t, kind="stable")
+    both = lambda before, after, samples: jnp.concatenate([before[:count], after[:count], samples])[order]
+    q = both(events.before.q, events.after.q, trajectory.q)
+    return t[order], q, both(events.before.v, events.after.v, trajectory.v)
+
+
+def draw_lines(axes: Axes, t, values, name: str) -> None:
+    several = values.shape[1] > 1
+    for i in range(values.shape[1]):
+        colour, style = LINES[i % len(LINES)]
+        axes.plot(t, values[:, i], style, color=colour, linewidth=1.4, label=f"{name} {i}" if several else None)
+    axes.set_ylabel(name)
+    axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
+    if several:
+        axes.legend(ncols=values.shape[1], **ABOVE)
+
+
+def _draw_events(axes: Axes, trajectory: Trajectory) -> None:
+    """A mark at gap 0 for each event, one shape for each kind, below the line that it belongs to."""
+    happened = np.asarray(trajectory.events.kind)
+    time = np.asarray(trajectory.events.time)
+    for kind, (marker, face) in _MARKS.items():
+        at = time[happened == kind]
+        if at.size:
+            label = f"{kind.name.lower()} ({at.size})"
+            axes.plot(at, np.zeros_like(at), marker, markerfacecolor=face, color="black", markersize=6, label=label)
+    if trajectory.events.count > 0:
+        axes.legend(ncols=len(axes.get_lines()), **ABOVE)
+
+
+def _draw_closed(axes: Axes, t, gaps, trajectory: Trajectory) -> None:
+    """One row for each contact: a bar while its gap is closed, a tick at each of its events."""
+    closed = np.abs(gaps) <= closeness(gaps.dtype) * np.max(np.abs(gaps), initial=0)
+    contact, time = np.asarray(trajectory.events.contact), np.asarray(trajectory.events.time)
+    for i in range(gaps.shape[1]):
+        held = closed[:-1, i] & closed[1:, i]
+        axes.broken_barh([(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(held)], (i - 0.3, 0.6), color="0.55")
+        axes.vlines(time[contact == i], i - 0.4, i + 0.4, color="black", linewidth=0.9)
+    axes.set_yticks(range(gaps.shape[1]))
+    axes.set_ylim(gaps.shape[1] - 0.4, -0.6)
+    axes.set_ylabel("closed\ncontact")

@@ -1,0 +1,103 @@
+"""The picture of a hybrid system's motion over time: states, modes, events."""
+
+from typing import Any
+
+import jax
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+
+from ..solution import Solution
+from .figure import ABOVE, LINES, new_figure, sample_times
+
+MOST = 8
+"""Entries of one leaf that are drawn."""
+
+
+def plot_solution(solution: Solution) -> Figure:
+    """A panel for each leaf of the state, one for the numbers in the mode, one with a tick for each event.
+
+    Arguments: a solution with samples (`ts=`), which should be dense.
+    Returns: the figure. Raises: ValueError if the solution has no samples or is a batch.
+    """
+    sample_times("solution", solution)
+    figure = new_figure((8, 1.2 + 1.6 * (len(_rows({"x": solution.x})) + 2)))
+    draw_solution(solution, figure)
+    return figure
+
+
+def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
+    """The same in a part of a figure."""
+    states, modes = _rows({"x": solution.x}), _modes(solution)
+    panels = len(states) + bool(modes) + 1
+    axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
+    t, order = _times(solution)
+    before, after = _rows({"x": solution.events.before}), _rows({"x": solution.events.after})
+    count = int(solution.events.count)
+    for panel, (name, samples) in zip(axes, states.items(), strict=False):
+        whole = np.concatenate([before[name][:count], after[name][:count], samples])[order]
+        _draw(panel, t, whole, name, "default")
+    if modes:
+        _draw_modes(axes[-2], solution, modes)
+    _draw_events(axes[-1], solution)
+    axes[-1].set_xlabel("time")
+
+
+def _times(solution: Solution):
+    """Times of samples and of both sides of every event, sorted; sorting is stable: before, after, sample."""
+    events = np.asarray(solution.events.time)[: int(solution.events.count)]
+    t = np.concatenate([events, events, np.asarray(solution.ts)])
+    order = np.argsort(t, kind="stable")
+    return t[order], order
+
+
+def _rows(tree: Any) -> dict[str, np.ndarray]:
+    """Name of each leaf -> its rows over time, (row, entry)."""
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    named = {jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf) for path, leaf in leaves}
+    return {name: leaf.reshape(leaf.shape[0], -1) for name, leaf in named.items()}
+
+
+def _modes(solution: Solution) -> dict[str, np.ndarray]:
+    """Numbers in the mode, from the initial one on; none where it cannot be known or is too large to be drawn."""
+    if solution.again is None:
+        return {}
+    rows = jax.tree.map(lambda leaf: np.asarray(leaf)[None], {"mode": solution.again.initial_mode()})
+    later = jax.tree.map(lambda leaf: np.asarray(leaf)[: int(solution.events.count)], {"mode": solution.events.mode})
+    joined = jax.tree.map(lambda one, other: np.concatenate([one, other]), rows, later)
+    return {name: leaf for name, leaf in _rows(joined).items() if leaf.shape[1] == 1}
+
+
+def _draw(axes: Axes, t, values, name: str, style: str) -> None:
+    shown = values[:, :MOST]
+    for i in range(shown.shape[1]):
+        colour, line = LINES[i % len(LINES)]
+        label = f"{name}[{i}]" if shown.shape[1] > 1 else None
+        axes.plot(t, shown[:, i], line, color=colour, linewidth=1.3, label=label, drawstyle=style)
+    axes.set_ylabel(name)
+    if shown.shape[1] > 1:
+        axes.legend(ncols=shown.shape[1], **ABOVE)
+
+
+def _draw_modes(axes: Axes, solution: Solution, modes: dict[str, np.ndarray]) -> None:
+    ts = np.asarray(solution.ts)
+    times = np.asarray(solution.events.time)[: int(solution.events.count)]
+    t = np.concatenate([ts[:1], times, ts[-1:]])
+    for i, (name, rows) in enumerate(modes.items()):
+        colour, line = LINES[i % len(LINES)]
+        values = np.append(rows[:, 0], rows[-1, 0]).astype(float)
+        axes.plot(t, values, line, color=colour, linewidth=1.3, drawstyle="steps-post", label=name)
+    axes.set_ylabel("mode")
+    axes.legend(ncols=len(modes), **ABOVE)
+
+
+def _draw_events(axes: Axes, solution: Solution) -> None:
+    """A row for each number of event that happened, a tick at each time."""
+    count = int(solution.events.count)
+    guard, time = np.asarray(solution.events.guard)[:count], np.asarray(solution.events.time)[:count]
+    numbers = sorted(set(guard.tolist()))
+    for row, number in enumerate(numbers):
+        axes.vlines(time[guard == number], row - 0.4, row + 0.4, color="black", linewidth=0.9)
+    axes.set_yticks(range(len(numbers)), [str(number) for number in numbers])
+    axes.set_ylim(max(len(numbers), 1) - 0.4, -0.6)
+    axes.set_ylabel("event")

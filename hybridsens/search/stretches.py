@@ -1,0 +1,155 @@
+"""A search for a guard that dips below zero inside a step, by bounds instead of samples.
+
+A step of free flight may be very long, and a curved gap may dip below zero and come back inside it, unseen from its
+ends; so may a clock. The search walks along the step and passes a stretch only when bounds prove that no guard is below
+zero on it; else the stretch is halved. To find the events that samples miss by interval arithmetic is an idea of Park
+and Barton (State event location in differential-algebraic models, 1996).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from ..flat_system import Searched, StepEnds
+from ..interval.arithmetic import Interval, point
+from ..interval.enclosure import enclose
+from ..interval.kind import Kind, kinds
+from ..numerics.small_arrays import all_of, any_of, smallest
+from ..numerics.tolerances import time_resolution
+from .path import Path
+
+Gap = Callable[[Array, Array], Array]
+"""(t, q) -> guards: gaps of a scene, or guards of any system with its state for q."""
+
+TURNS = 512
+"""How many stretches of a step are looked at before the search is given up."""
+COARSEST = 1 / 16
+"""Longest stretch, as a fraction of the step, where a gap has no bounds and is sampled."""
+
+
+class Stretch(NamedTuple):
+    """What is known of the gaps along one stretch of a step; rates are by fractions of the step."""
+
+    width: Float[Array, ""]
+    gap0: Float[Array, "contact"]
+    rate0: Float[Array, "contact"]
+    gap1: Float[Array, "contact"]
+    rate1: Float[Array, "contact"]
+    low: Float[Array, "contact"]
+    """Lower bounds of the gaps; not a number where there is none."""
+    bend: Interval
+    """Bounds of their second derivatives."""
+
+    def clear(self, tolerance) -> Bool[Array, "contact"]:
+        """Which gaps are proved to stay above -tolerance: by their bounds, or by an end and the second derivative."""
+        w = self.width
+        curve = self.bend.low * w * w
+        forward, backward = lowest(self.gap0, self.rate0 * w, curve), lowest(self.gap1, -self.rate1 * w, curve)
+        return (self.low >= -tolerance) | (forward >= -tolerance) | (backward >= -tolerance)
+
+    def falls(self, tolerance) -> Bool[Array, "contact"]:
+        """Which gaps are proved to fall all along, to below -tolerance."""
+        from_start = self.rate0 + jnp.maximum(self.bend.high, 0) * self.width < 0
+        from_end = self.rate1 - jnp.minimum(self.bend.low, 0) * self.width < 0
+        return (self.gap1 < -tolerance) & (from_start | from_end)
+
+    def crossing(self, which: Bool[Array, "contact"]) -> Float[Array, ""]:
+        """Where the first of these gaps passes zero, as a fraction of the stretch, by its chord."""
+        return jnp.clip(smallest(jnp.where(which, self.gap0 / (self.gap0 - self.gap1), 1)), 0, 1)
+
+
+class Walk(NamedTuple):
+    """How far a step has been searched."""
+
+    s: Float[Array, ""]
+    """No gap is below zero before this fraction of the step."""
+    width: Float[Array, ""]
+    """Of the stretch to look at next."""
+    gap: Float[Array, "contact"]
+    """Gaps at s."""
+    rate: Float[Array, "contact"]
+    """Their rates there, by fractions of the step."""
+    turns: Int[Array, ""]
+    crossing: Float[Array, ""]
+    """Where a gap falls through zero; inf where none is known to."""
+
+    @property
+    def goes_on(self) -> Bool[Array, ""]:
+        """Whether there is more to look at."""
+        return (self.s < 1) & (self.turns < TURNS) & jnp.isinf(self.crossing)
+
+    def after(self, stretch: Stretch, tolerance, searched, widest: float, finest) -> "Walk":
+        """Pass the stretch, or end at the crossing in it, or halve it; one of the finest width is passed anyhow."""
+        clear = stretch.clear(tolerance) | ~searched
+        found = any_of(~clear) & all_of(clear | stretch.falls(tolerance))
+        passed = all_of(clear) | (~found & (self.width <= finest))
+        pick = lambda new, old: jnp.where(passed, new, old)
+        s = pick(self.s + self.width, self.s)
+        wider = jnp.minimum(jnp.minimum(2 * self.width, widest), 1 - s)
+        crossing = jnp.where(found, self.s + self.width * stretch.crossing(~clear), jnp.inf)
+        gap, rate = pick(stretch.gap1, self.gap), pick(stretch.rate1, self.rate)
+        return Walk(s, pick(wider, self.width / 2), gap, rate, self.turns + 1, crossing)
+
+
+def gap_kinds(gap: Gap, t, q):
+    """How each gap depends on (t, q), as an array of `Kind`, and the trace of the gaps that tells."""
+    trace = jax.make_jaxpr(gap)(t, q)
+    return kinds(trace, [np.full(x.shape, Kind.AFFINE) for x in trace.in_avals]), trace
+
+
+def search_gaps(gap: Gap, path: Path, step: StepEnds, tolerance, searched, wanted) -> Searched:
+    """First fall below -tolerance, inside a step, of one of the gaps to be searched (a mask).
+
+    Bounds are those of interval arithmetic. A gap made by an operation without a rule there (a table, a loop) is
+    sampled at 16 places of the step or more, and its second derivative is guessed from the samples.
+    """
+    kind, trace = gap_kinds(gap, path.t0, path.coefficients[0])
+    look = _looker(gap, path, step, trace, kind == Kind.UNKNOWN)
+    widest = COARSEST if (kind == Kind.UNKNOWN).any() else 1.0
+    finest = time_resolution(step.t1, 1) / path.h
+    zero = jnp.zeros_like(path.t0)
+    start = Walk(
+        jnp.where(wanted, zero, 1), zero + widest, step.guard0, path.h * step.rate0, jnp.array(0), zero + jnp.inf
+    )
+    turn = lambda walk: walk.after(look(walk), tolerance, searched, widest, finest)
+    walk = lax.while_loop(lambda walk: walk.goes_on, turn, start)
+    return Searched(walk.crossing, walk.s)
+
+
+def _looker(function: Gap, path: Path, step: StepEnds, trace, unknown: np.ndarray) -> Callable[[Walk], Stretch]:
+    """The function that looks at the stretch that a walk has come to. The step's end is known already."""
+
+    def look(walk: Walk) -> Stretch:
+        s, w = walk.s, walk.width
+        last = s + w >= 1
+        t, q, slope = path.at(s + w)
+        gap, rate = jax.jvp(function, (t, q), (path.h, slope))
+        gap, rate = jnp.where(last, step.guard1, gap), jnp.where(last, path.h * step.rate1, rate)
+        jet = enclose(trace, path.over(s, w))
+        bend = jet.bend or point(jnp.zeros_like(gap))
+        if unknown.any():
+            guess = guessed_bend(walk.gap, walk.rate * w, gap, rate * w)
+            bend = Interval(*(jnp.where(unknown, x / (w * w), y) for x, y in zip(guess, bend, strict=True)))
+        return Stretch(w, walk.gap, walk.rate, gap, rate, jet.value.low, bend)
+
+    return look
+
+
+def lowest(gap, rate, curve):
+    """Least value of gap + rate s + curve s^2 / 2 for s in [0, 1]: a gap that bends down no more lies above it."""
+    inside = (curve > 0) & (rate < 0) & (rate + curve > 0)
+    vertex = gap - 0.5 * rate * rate / jnp.where(inside, curve, 1)
+    return jnp.where(inside, vertex, jnp.minimum(gap, gap + rate + 0.5 * curve))
+
+
+def guessed_bend(g0, d0, g1, d1):
+    """Second derivatives of the cubic through the ends of a stretch, twice as far apart as they are."""
+    rise = g1 - g0
+    first, second = 6 * rise - 4 * d0 - 2 * d1, -6 * rise + 2 * d0 + 4 * d1
+    middle, radius = 0.5 * (first + second), jnp.abs(first - second)
+    return middle - radius, middle + radius

@@ -1,0 +1,93 @@
+"""Settings of a motion, checked: tolerances, the longest step, room, the methods."""
+
+import warnings
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .adjoint.methods import AbstractGradientMethod, Replay
+from .forward.method import Method
+from .status import Status
+from .validation.arguments import real_fraction, real_tolerance
+from .validation.direction import not_differentiable
+
+
+def _tolerances(rtol, atol, dtype):
+    """Tolerances that the floating point type can meet."""
+    if isinstance(rtol, jax.Array) or isinstance(atol, jax.Array):
+        return rtol, atol
+    finest = 16 * float(jnp.finfo(dtype).eps)
+    atol = max(atol, float(jnp.finfo(dtype).tiny) ** 0.5)  # the error norm squares an error over it
+    if rtol < finest or (atol < finest and dtype == jnp.float32):
+        warnings.warn(
+            f"Tolerances below {finest:.1e} are beyond {dtype} and are raised to it. "
+            "For double precision call `hybridsens.configure(x64=True)` before JAX starts.",
+            stacklevel=4,
+        )
+        return max(rtol, finest), max(atol, finest) if dtype == jnp.float32 else atol
+    return rtol, atol
+
+
+class Numbers(NamedTuple):
+    """Settings that are numbers.
+
+    Inside of a program that is being compiled they are constants of it, which is quicker. A call by itself makes arrays
+    of them: then one compiled program serves all values."""
+
+    rtol: Any
+    atol: Any
+    max_step: Any
+    capture_speed: Any
+
+    def as_arrays(self, dtype) -> "Numbers":
+        return jax.tree.map(lambda x: x if isinstance(x, jax.Array) else np.asarray(x, dtype), self)
+
+
+def given_numbers(rtol, atol, max_step, capture_speed, dtype) -> Numbers:
+    rtol, atol = _tolerances(real_tolerance("rtol", rtol), real_tolerance("atol", atol), dtype)
+    max_step = None if max_step is None else real_tolerance("max_step", max_step)
+    numbers = Numbers(rtol, atol, max_step, real_fraction("capture_speed", capture_speed))
+    arrays, known = eqx.partition(numbers, lambda x: isinstance(x, jax.Array))
+    if jax.tree.leaves(arrays):
+        arrays = jax.tree.map(lambda x: x.astype(dtype), not_differentiable(arrays))
+    return eqx.combine(arrays, known)
+
+
+def horizon_status(t0, t1, ts, method: Method, capture_speed: float | Array = 0.0) -> Status:
+    """Whether times and tolerances fit; what depends on the scene is looked at where the motion begins."""
+    capture_speed = jnp.asarray(capture_speed)
+    fits = (jnp.asarray(method.rtol) > 0) & (method.atol > 0) & (capture_speed >= 0) & (capture_speed < 1)
+    status = Status.where(fits, Status.running, Status.bad_tolerance)
+    if ts is not None and ts.shape[0] > 0:
+        sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)
+        status = Status.where(sorted_inside, status, Status.unsorted_times)
+    status = Status.where((t1 > t0) & jnp.isfinite(t1 - t0), status, Status.bad_horizon)
+    return status
+
+
+def segment_steps(adjoint, ts) -> int | None:
+    """Room for the steps of a segment where they are not recorded."""
+    if not isinstance(adjoint, Replay) or not adjoint.recompute:
+        return None
+    if ts is not None:
+        raise ValueError("`ts` needs recorded steps, which Replay(recompute=True) does not keep: use Replay().")
+    return adjoint.segment_steps
+
+
+def check_settings(max_events, max_steps, solver, adjoint, throw):
+    for name, value in (("max_events", max_events), ("max_steps", max_steps)):
+        if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+            raise ValueError(f"`{name}` must be an integer >= 1, but is {value!r}.")
+    if solver is not None and not isinstance(solver, diffrax.AbstractAdaptiveSolver):
+        raise TypeError(f"`solver` must be a Diffrax solver with an error estimate, but is {type(solver).__name__}.")
+    if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
+        raise TypeError(
+            f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {type(adjoint).__name__}."
+        )
+    if not isinstance(throw, bool) and not (isinstance(throw, str) and throw == "nan"):
+        raise TypeError(f'`throw` must be True, False or "nan", but is {throw!r}.')

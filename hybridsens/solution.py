@@ -1,0 +1,129 @@
+"""What `solve` returns. Everything with a floating point type here can be differentiated."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.core
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .export.html import preformatted
+from .outcome import Steps
+from .status import Status
+
+
+class SolutionEvents(eqx.Module):
+    """The events in the order of time, padded to `max_events`. Rows beyond `count` have time inf, guard -1 and zeros
+    elsewhere."""
+
+    time: Float[Array, "*batch event"]
+    """When."""
+    guard: Int[Array, "*batch event"]
+    """Which guard fell."""
+    before: Any
+    """States just before, with a leading axis (event,)."""
+    after: Any
+    """States just after."""
+    mode: Any
+    """Modes just after."""
+    count: Int[Array, "*batch"]
+    """How many events there were."""
+
+
+class Solution(eqx.Module):
+    """A motion of a hybrid system from t0 to t1."""
+
+    ts: Float[Array, "*batch sample"] | None
+    """Times asked for."""
+    x: Any
+    """States there, of x's structure with a leading axis (sample,); just after the event where a time is an event's."""
+    final: Any
+    """State at t1 (or where the motion ended, see `status`)."""
+    cost: Any
+    """Integral of the running cost, with its structure; None without one."""
+    events: SolutionEvents
+    mode: Any
+    """Mode at the end."""
+    status: Status
+    """`Status.successful`, or what went wrong."""
+    steps: Steps
+    again: Any = eqx.field(repr=False)
+    """The same solve for other `ts`; `evaluate` asks it."""
+
+    def evaluate(self, ts: Float[Array, "sample"] | float) -> Any:
+        """States at times between t0 and t1, a number or a sorted array, as exact as the motion itself.
+
+        The motion is solved again, with samples at these times: a number of calls in a row is dearer than one call
+        with all times, or `ts=` of `solve`."""
+        times = jax.numpy.asarray(ts, float)
+        assert self.again is not None
+        found = self.again(times if times.ndim else times[None]).x
+        return found if times.ndim else jax.tree.map(lambda leaf: leaf[0], found)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return preformatted(self)
+
+    def __str__(self) -> str:
+        if isinstance(self.events.count, jax.core.Tracer):
+            return "Solution(traced)"
+        if np.ndim(self.events.count) > 0:
+            return f"Solution(batch of {np.shape(self.events.count)}; index it to see one)"
+        return "\n".join([*self._head(), *_table(self.events), f"final: {_shown(self.final)}"])
+
+    def _head(self):
+        yield f"status: {Status[self.status] or 'successful'}"
+        accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
+        yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
+        if self.cost is not None:
+            yield f"cost: {_shown(self.cost)}"
+
+
+MOST_ROWS = 20
+"""How many events a print shows."""
+
+
+def last_events(solution: Solution, shown: int = 3) -> str:
+    """The last events of one motion with their modes, as an end to an error message; "" where they cannot be seen."""
+    events = solution.events
+    if isinstance(events.count, jax.core.Tracer) or np.ndim(events.count) > 0 or int(events.count) == 0:
+        return ""
+    rows = range(max(0, int(events.count) - shown), int(events.count))
+    mode = lambda j: "" if events.mode is None else f" to mode {_shown(_row(events.mode, j))}"
+    told = "; ".join(f"t = {float(events.time[j]):.9g}, event {int(events.guard[j])}{mode(j)}" for j in rows)
+    return f" The last events: {told}."
+
+
+def _row(tree, j: int):
+    return jax.tree.map(lambda leaf: leaf[j], tree)
+
+
+def _table(events: SolutionEvents):
+    count = int(events.count)
+    if count == 0:
+        return
+    yield f"{'event':>5} {'time':>14} {'guard':>5}  mode after; state after"
+    shown = range(count) if count <= MOST_ROWS else [*range(MOST_ROWS // 2), *range(count - MOST_ROWS // 2 + 1, count)]
+    last = -1
+    for j in shown:
+        if j > last + 1:
+            yield f"{'...':>5} ({j - last - 1} more)"
+        mode = "" if events.mode is None else f"{_shown(_row(events.mode, j))}; "
+        yield f"{j:>5} {float(events.time[j]):>14.9f} {int(events.guard[j]):>5}  {mode}{_shown(_row(events.after, j))}"
+        last = j
+
+
+def _shown(tree) -> str:
+    with np.printoptions(precision=6, suppress=False, threshold=8, edgeitems=2):
+        return str(jax.tree.map(_Plain, tree))
+
+
+class _Plain:
+    """An array that prints as its numbers."""
+
+    def __init__(self, leaf):
+        self.leaf = np.asarray(leaf)
+
+    def __repr__(self):
+        return str(self.leaf.item() if self.leaf.ndim == 0 else self.leaf)

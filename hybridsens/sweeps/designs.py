@@ -1,0 +1,143 @@
+"""Which points a sweep visits: grids, random and quasi-random designs over named parameters, or scenes as given."""
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from scipy.stats import qmc
+
+from ..parameters import check_names, parameters
+
+Bounds = Mapping[str, tuple[float, float]]
+"""Lowest and highest value of each parameter."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """Points in parameter space, held by column: a grid stores its axes only, however many points it has."""
+
+    scene: Any
+    """What every point shares; the columns replace some of its leaves."""
+    shape: dict[str, int]
+    """Name and length of each dimension of the points."""
+    columns: dict[str, np.ndarray]
+    """Values of each varied parameter; the leading axes are `dims[name]`."""
+    dims: dict[str, tuple[str, ...]]
+    """Along which dimensions a column varies."""
+    kind: str
+    """How the points were chosen."""
+    bounds: dict[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    """Box that the points were drawn from, where there is one."""
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return int(np.prod(list(self.shape.values())))
+
+    def block(self, slices: Mapping[str, slice]) -> dict[str, np.ndarray]:
+        """Columns of a block of points, one row a point, in the order of the dimensions."""
+        lengths = [len(range(*slices[dim].indices(size))) for dim, size in self.shape.items()]
+        return {name: self._rows(name, slices, lengths) for name in self.columns}
+
+    def _rows(self, name, slices, lengths):
+        values = self.columns[name][tuple(slices[dim] for dim in self.dims[name])]
+        entry = values.shape[len(self.dims[name]) :]
+        along = [n if dim in self.dims[name] else 1 for dim, n in zip(self.shape, lengths, strict=True)]
+        spread = np.broadcast_to(values.reshape(*along, *entry), (*lengths, *entry))
+        return spread.reshape(-1, *entry)
+
+    def fingerprint(self) -> str:
+        """A digest of all that decides the points, so that a store can tell whether it belongs to them."""
+        digest = hashlib.sha256(repr((self.kind, self.shape, self.dims, self.bounds)).encode())
+        for name, leaf in (*parameters(self.scene).items(), *self.columns.items()):
+            digest.update(name.encode() + np.ascontiguousarray(leaf).tobytes())
+        return digest.hexdigest()
+
+
+def grid(scene: Any, values: Mapping[str, Sequence[float] | np.ndarray | jax.Array]) -> Design:
+    """All combinations of the given values: `grid(scene, {"amplitude": linspace(0.5, 1.5, 50), ...})`.
+
+    Each parameter is a dimension of the result. Raises ValueError for an unknown name or a bad list of values.
+    """
+    check_names(scene, values)
+    axes = {name: np.asarray(axis, float) for name, axis in values.items()}
+    for name, axis in axes.items():
+        if axis.ndim != 1 or axis.size == 0 or not np.isfinite(axis).all():
+            raise ValueError(
+                f"The values of {name!r} must be a list of finite numbers, but have shape {axis.shape}: {axis}."
+            )
+    if not axes:
+        raise ValueError("A grid must have at least one parameter to vary, but has none.")
+    return Design(
+        scene, {name: axis.size for name, axis in axes.items()}, axes, {name: (name,) for name in axes}, "grid"
+    )
+
+
+def random(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> Design:
+    """Independent uniform points in a box. Raises ValueError for an unknown name or bad bounds."""
+    unit = np.random.default_rng(seed).random((_positive(points), len(bounds)))
+    return _table(scene, bounds, unit, "random")
+
+
+def latin_hypercube(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> Design:
+    """Points of which each parameter takes one value in each of `points` equal intervals (scipy's `LatinHypercube`)."""
+    sampler = qmc.LatinHypercube(len(bounds), rng=np.random.default_rng(seed))
+    return _table(scene, bounds, sampler.random(_positive(points)), "latin_hypercube")
+
+
+def sobol(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> Design:
+    """A scrambled Sobol sequence, for averages. `points` must be a power of two, which keeps it balanced."""
+    return _table(scene, bounds, _sobol_points(len(bounds), points, seed), "sobol")
+
+
+def saltelli(scene: Any, bounds: Bounds, base: int, seed: int = 0) -> Design:
+    """Points for Sobol indices: A, B, and A with one column from B after the other; base (parameters + 2) in all.
+
+    `base` must be a power of two. `sobol_indices` reads the result of the sweep. (Saltelli et al. 2010, table 2.)
+    """
+    count = len(bounds)
+    both = _sobol_points(2 * count, base, seed)
+    a, b = both[:, :count], both[:, count:]
+    mixed = [np.where(np.arange(count) == i, b, a) for i in range(count)]
+    return _table(scene, bounds, np.concatenate([a, b, *mixed]), "saltelli")
+
+
+def batch(scenes: Any) -> Design:
+    """Scenes as they are: one PyTree whose real array leaves all have the same leading axis.
+
+    Raises ValueError if the leading axes differ, or if there is no array at all.
+    """
+    leaves = parameters(scenes)
+    lengths = {name: leaf.shape[0] if leaf.ndim > 0 else 0 for name, leaf in leaves.items()}
+    if len(set(lengths.values())) != 1 or 0 in lengths.values():
+        raise ValueError(f"All parameters of the scenes must have the same leading axis, but have lengths {lengths}.")
+    (size,) = set(lengths.values())
+    columns = {name: np.asarray(leaf) for name, leaf in leaves.items()}
+    first = jax.tree.map(lambda leaf: leaf[0] if eqx.is_inexact_array(leaf) else leaf, scenes)
+    return Design(first, {"point": size}, columns, {name: ("point",) for name in columns}, "batch")
+
+
+def _table(scene, bounds: Bounds, unit: np.ndarray, kind: str) -> Design:
+    check_names(scene, bounds)
+    for name, (low, high) in bounds.items():
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise ValueError(f"The bounds of {name!r} must be finite and increasing, but are ({low}, {high}).")
+    columns = {name: low + (high - low) * unit[:, i] for i, (name, (low, high)) in enumerate(bounds.items())}
+    box = {name: (float(low), float(high)) for name, (low, high) in bounds.items()}
+    return Design(scene, {"point": len(unit)}, columns, {name: ("point",) for name in columns}, kind, box)
+
+
+def _sobol_points(dimensions: int, points: int, seed: int) -> np.ndarray:
+    if _positive(points) & (points - 1):
+        raise ValueError(f"The number of points of a Sobol sequence must be a power of two, but is {points}.")
+    return qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random_base2(points.bit_length() - 1)
+
+
+def _positive(points: int) -> int:
+    if not isinstance(points, int) or points < 1:
+        raise ValueError(f"The number of points must be an integer >= 1, but is {points!r}.")
+    return points

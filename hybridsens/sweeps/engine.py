@@ -1,0 +1,115 @@
+"""Many points at once: sharded over the devices of a machine, mapped or vmapped on each, in one compiled program."""
+
+import functools
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from .lane import Wanted, evaluate
+
+LANE = "lane"
+
+# One point as a program of its own: shapes, fingerprint and batches share what was traced, in this sweep and the next.
+evaluate_once = eqx.filter_jit(evaluate)
+
+
+class Program(NamedTuple):
+    """What is run at every point."""
+
+    cost: Callable
+    scene: Any
+    """What all points share."""
+    wanted: Wanted
+
+
+class Engine:
+    """Runs batches of points. `run` takes columns (lane, ...) and returns results (lane, ...), both as NumPy arrays.
+
+    On a CPU each device runs its lanes one after the other (`lax.map`), so that no lane waits for another; elsewhere
+    all lanes of a device run in step (`jax.vmap`). A batch that does not fit into memory is halved, with a warning,
+    and stays halved.
+    """
+
+    def __init__(self, program: Program, batch: int, devices: Sequence[Any] | None, mapped: bool | None):
+        devices = list(jax.devices() if devices is None else devices)
+        self.program = program
+        self.mesh = Mesh(np.array(devices), (LANE,))
+        self.mapped = devices[0].platform == "cpu" if mapped is None else mapped
+        self.batch = _multiple(batch, len(devices))
+
+    def run(self, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """All lanes, in as many batches as memory needs."""
+        size, parts, start = len(next(iter(columns.values()))), [], 0
+        while start < size:
+            batch = min(self.batch, _multiple(size, self.mesh.size))
+            stop = min(start + batch, size)
+            try:
+                parts.append(self._run_batch({name: column[start:stop] for name, column in columns.items()}, batch))
+            except (jax.errors.JaxRuntimeError, MemoryError) as error:
+                self._halve(error, batch)
+            else:
+                start = stop
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def _run_batch(self, columns, batch):
+        given = len(next(iter(columns.values())))
+        order = self._order(batch)
+        rows = np.minimum(order, given - 1)  # a batch is filled up with its last point, so that its shape never changes
+        sharding = NamedSharding(self.mesh, PartitionSpec(LANE))
+        sharded = {name: jax.device_put(column[rows], sharding) for name, column in columns.items()}
+        results = _run(self.program.cost, self.program.scene, self.program.wanted, sharded, self.mesh, self.mapped)
+        back = np.argsort(order)[:given]
+        return {name: np.asarray(result)[back] for name, result in jax.block_until_ready(results).items()}
+
+    def _order(self, batch):
+        """Mapped lanes are dealt out like cards: devices get equal work where it varies smoothly over the points.
+
+        Lanes that run in step stay beside their neighbours, which take about as long as they do."""
+        order = np.arange(batch)
+        return order.reshape(-1, self.mesh.size).T.ravel() if self.mapped else order
+
+    def _halve(self, error, batch):
+        if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" not in str(error):
+            raise error
+        if batch <= self.mesh.size:
+            raise MemoryError(
+                "One point on each device does not fit into memory: lower `max_steps`, `max_events`."
+            ) from error
+        self.batch = _multiple(batch // 2, self.mesh.size)
+        warnings.warn(
+            f"{batch} points at once do not fit into memory; going on with {self.batch}. "
+            "A smaller `chunk`, `max_steps` or `max_events` avoids the attempt.",
+            stacklevel=4,
+        )
+
+
+@eqx.filter_jit
+def _run(cost, scene, wanted: Wanted, columns, mesh: Mesh, mapped: bool):
+    arrays, static = eqx.partition((cost, scene), eqx.is_array)
+
+    def shard(arrays, columns):
+        cost, scene = eqx.combine(arrays, static)
+        lane = functools.partial(evaluate_once, cost, scene, wanted)
+        return lax.map(lane, columns) if mapped else jax.vmap(lane)(columns)
+
+    everywhere, by_lane = PartitionSpec(), PartitionSpec(LANE)
+    # Without following what varies over the mesh: Diffrax's loops begin with constants, which vary over nothing.
+    sharded = jax.shard_map(shard, mesh=mesh, in_specs=(everywhere, by_lane), out_specs=by_lane, check_vma=False)
+    return sharded(arrays, columns)
+
+
+def shapes(program: Program, columns: dict[str, np.ndarray]) -> dict[str, jax.ShapeDtypeStruct]:
+    """Names, shapes and types of what one point gives."""
+    one = {name: jnp.asarray(column[0]) for name, column in columns.items()}
+    return eqx.filter_eval_shape(evaluate_once, program.cost, program.scene, program.wanted, one)
+
+
+def _multiple(size: int, of: int) -> int:
+    return max(1, -(-size // of)) * of

@@ -1,0 +1,148 @@
+"""One point of a sweep: its value, its gradient, its status, and what its events were."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from ..mechanics.mode import EventKind
+from ..mechanics.trajectory import Trajectory
+from ..parameters import parameters, replace
+from ..solution import Solution
+from ..status import Status
+
+NOT_COMPUTED = -1
+"""Status of a point that a store has room for and that has not been reached yet."""
+
+
+class Wanted(NamedTuple):
+    """What is written down for each point."""
+
+    gradient: tuple[str, ...]
+    """Parameters that J is differentiated by."""
+    events: int
+    """How many of the first events are written down one by one."""
+    states: bool
+    """Whether the states at the times asked for are kept."""
+
+
+def status_names() -> tuple[str, ...]:
+    """Names of the statuses; a status is stored as its place in this list."""
+    return tuple(Status._name_to_item)  # Equinox has no public way to list an enumeration
+
+
+def evaluate(cost: Callable, scene: Any, wanted: Wanted, columns: dict[str, Any]) -> dict[str, Any]:
+    """Everything about one point, by the names that the Dataset has.
+
+    Values of a point that failed are NaN; at a grazing point the gradient is, since it does not exist there.
+    Raises TypeError or ValueError, while it is traced, for a cost that a sweep cannot use.
+    """
+    j, trajectory, gradient = _differentiate(cost, replace(scene, columns), wanted)
+    status = _status(j, trajectory, gradient)
+    smooth = status == _code(Status.successful)
+    reached = smooth | (status == _code(Status.grazing))
+    out = {"J": jnp.where(reached, j, jnp.nan)}
+    out |= {f"dJ_d{name}": jnp.where(smooth, d, jnp.nan) for name, d in gradient.items()}
+    if trajectory is not None:
+        out |= _event_summary(trajectory, wanted.events)
+        if wanted.states:
+            out |= {name: jnp.where(reached, rows, jnp.nan) for name, rows in _samples(trajectory).items()}
+    return out | {"status": status.astype(jnp.int8)}
+
+
+def _differentiate(cost, scene, wanted: Wanted) -> tuple[Any, Any, dict[str, Any]]:
+    """J, the trajectory (or None), and the gradient by name."""
+    chosen = {name: parameters(scene)[name] for name in wanted.gradient}
+
+    def value(chosen):
+        j, trajectory = _value_and_trajectory(cost(replace(scene, chosen)), wanted)
+        return j, (j, trajectory)
+
+    if not chosen:
+        return *value(chosen)[1], {}
+    gradient, (j, trajectory) = jax.grad(value, has_aux=True)(chosen)
+    return j, trajectory, gradient
+
+
+def _status(j, trajectory, gradient):
+    """The motion's status; a success whose value or gradient is not finite after all is none."""
+    status = _code(Status.successful if trajectory is None else trajectory.status)
+    finite = jnp.all(jnp.isfinite(jnp.concatenate([jnp.ravel(d) for d in (j, *gradient.values())])))
+    return jnp.where((status == _code(Status.successful)) & ~finite, _code(Status.non_finite), status)
+
+
+def _value_and_trajectory(out, wanted: Wanted):
+    """What the cost returned, checked while it is traced."""
+    j, trajectory = out if isinstance(out, tuple) and len(out) == 2 else (out, None)
+    shape, dtype = getattr(j, "shape", None), getattr(j, "dtype", None)
+    if shape != () or dtype is None or not jnp.issubdtype(dtype, jnp.floating):
+        raise ValueError(f"The cost must have a real scalar as its value, but has {j}.")
+    if trajectory is not None and not isinstance(trajectory, Trajectory | Solution):
+        raise TypeError(
+            "The cost must return J, or (J, motion) with what `simulate` or `solve` returned, but returns "
+            f"(J, {type(trajectory).__name__})."
+        )
+    if trajectory is not None and trajectory.events.count.shape != ():
+        raise ValueError(f"The trajectory must be one motion, but has the batch shape {trajectory.events.count.shape}.")
+    if wanted.states and (trajectory is None or trajectory.ts is None):
+        raise ValueError(
+            "With states=True the cost must return (J, trajectory), where the trajectory has times `ts`; it has not."
+        )
+    return j, trajectory
+
+
+def _code(status):
+    (index,) = jax.tree.leaves(status)
+    return jnp.asarray(index)
+
+
+def _samples(motion: Trajectory | Solution) -> dict[str, Any]:
+    """States at the times asked for: q and v, or the leaves of x by their names."""
+    if isinstance(motion, Trajectory):
+        return {"q": motion.q, "v": motion.v}
+    leaves = jax.tree_util.tree_leaves_with_path({"x": motion.x})
+    return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
+
+
+def _event_summary(motion: Trajectory | Solution, kept: int) -> dict[str, Any]:
+    if isinstance(motion, Trajectory):
+        return _of_contacts(motion, kept)
+    events = motion.events
+    happened = jnp.arange(events.time.shape[0]) < events.count
+    return _counted(motion, kept, jnp.zeros_like(events.guard), events.guard, happened) | {
+        "event_guard": events.guard[:kept].astype(jnp.int32),
+    }
+
+
+def _counted(motion, kept: int, kind, place, happened) -> dict[str, Any]:
+    """What is told of events of either sort."""
+    return {
+        "event_count": motion.events.count.astype(jnp.int32),
+        "event_sequence": _sequence(kind, place, happened),
+        "steps": (motion.steps.accepted + motion.steps.rejected).astype(jnp.int32),
+        "event_time": jnp.where(happened, motion.events.time, jnp.nan)[:kept],
+    }
+
+
+def _of_contacts(trajectory: Trajectory, kept: int) -> dict[str, Any]:
+    events = trajectory.events
+    happened = jnp.arange(events.time.shape[0]) < events.count
+    struck = happened & (events.kind != EventKind.RELEASE)
+    margin = jnp.min(jnp.where(struck, events.closing_speed, jnp.inf), initial=jnp.inf)
+    kept = min(kept, events.time.shape[0])
+    return _counted(trajectory, kept, events.kind, events.contact, happened) | {
+        "grazing_margin": jnp.where(jnp.any(struck), margin, jnp.nan),
+        "event_kind": events.kind[:kept].astype(jnp.int8),
+        "event_contact": jnp.where(happened, events.contact, -1)[:kept].astype(jnp.int32),
+    }
+
+
+def _sequence(kind, contact, happened):
+    """A number that two motions share if they have the same events in the same order (else only by a rare accident).
+
+    A polynomial modulo 2^32 with one digit, made of kind and contact, for each event.
+    """
+    powers = jnp.cumprod(jnp.full(kind.shape, 2654435761, jnp.uint32))
+    digit = (1 + kind + 3 * contact).astype(jnp.uint32)
+    return jnp.sum(jnp.where(happened, powers * digit, 0), dtype=jnp.uint32).astype(jnp.int32)

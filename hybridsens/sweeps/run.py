@@ -1,0 +1,132 @@
+"""The front door of sweeps: points in, a Dataset of values, gradients, events and statuses out."""
+
+import functools
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from ..parameters import parameters
+from ..validation.spelling import did_you_mean
+from .cluster import run_on_cluster
+from .dataset import from_memory, from_store
+from .designs import Design, batch
+from .engine import Engine, Program, shapes
+from .fingerprint import program_digest
+from .lane import Wanted
+from .layout import coordinates, variables
+from .progress import print_statuses, progress_bar
+from .store import MemoryStore, ZarrStore, open_or_create
+from .tiles import points_in, tile_shape, tiles
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def sweep(
+    cost: Callable,
+    scenes: Any,
+    *,
+    gradient: bool | Sequence[str] = True,
+    events: int = 8,
+    states: bool = False,
+    store: Any = None,
+    chunk: int = 8192,
+    devices: Sequence[Any] | None = None,
+    mapped: bool | None = None,
+    client: Any = None,
+    units: Mapping[str, str] | None = None,
+    progress: bool = True,
+) -> "xr.Dataset":
+    """Value J and gradient dJ/d(parameter) at many points, on all devices of the machine, with status and events.
+
+    A point that fails is marked in `status` and has NaN as J and gradient; it does not stop the others. At a grazing
+    point the gradient alone is NaN.
+
+    Arguments:
+
+    - `cost`: `cost(scene)`, which returns J, or (J, trajectory): then the Dataset tells of each point's status and
+      events too. Simulate with `throw=False`, and with `max_steps` and `max_events` not much above what is needed.
+    - `scenes`: a design (`grid`, `sobol`, ...), or a PyTree of scenes whose array leaves all have one leading axis.
+    - `gradient`: all real parameters (True), none (False), or names. Reverse mode: all cost little more than one.
+    - `events`: how many of the first events of each point are written down one by one.
+    - `states`: keep q and v at the trajectory's `ts`.
+    - `store`: where to stream results to, chunk by chunk, as a Zarr store. A sweep that was killed goes on where it was
+      when called again with the same store. Without it, results are held in memory.
+    - `chunk`: points run and written at once.
+    - `devices`: all of `jax.devices()` by default. `hybridsens.configure(host_devices=8)` shows a CPU as 8 devices.
+    - `mapped`: run a device's lanes one after the other (default on a CPU) or in step (default elsewhere).
+    - `client`: a `dask.distributed` client; needs a `store` that all workers reach.
+    - `units`: units by the name of a parameter or result, for the attributes of the Dataset.
+    - `progress`: show a bar, and a table of statuses at the end.
+
+    Returns: an xarray Dataset with the design's dimensions: J, dJ_d<name>, status, and with a trajectory event_count,
+    event_sequence (equal numbers: the same sequence), grazing_margin [m/s], steps, event_time [s], event_kind,
+    event_contact.
+
+    Raises: ValueError or TypeError for a cost, names, units or a store that do not fit.
+    """
+    design = scenes if isinstance(scenes, Design) else batch(scenes)
+    _check(chunk, events, client, store)
+    wanted = Wanted(_gradient_names(design.scene, gradient), events, states)
+    program = Program(cost, design.scene, wanted)
+    first = design.block({name: slice(0, 1) for name in design.shape})
+    units = dict(units or {})
+    layout, coords = variables(design, shapes(program, first), units), coordinates(design, units)
+    edges = tile_shape(design.shape, chunk)
+    attributes = {"design": design.kind}
+    if store is None:
+        target = MemoryStore(layout)
+    else:
+        target = open_or_create(store, _digest(design, program, first, edges), layout, coords, edges, attributes)
+    make_engine = functools.partial(Engine, program, points_in(tiles(edges, edges)[0]), devices, mapped)
+    _run_all(design, edges, target, make_engine, client, progress)
+    if isinstance(target, ZarrStore):
+        dataset = from_store(store, layout)
+    else:
+        dataset = from_memory(target.arrays, layout, coords, attributes)
+    if progress:
+        print_statuses(dataset)
+    return dataset
+
+
+def _run_all(design: Design, edges, target, make_engine, client, progress: bool) -> None:
+    """Every tile that is not there yet, here or on a cluster."""
+    missing = [tile for tile in tiles(design.shape, edges) if not target.has(tile)]
+    left = sum(points_in(tile) for tile in missing)
+    with progress_bar(design.size, design.size - left, progress) as advance:
+        if client is not None:
+            tasks = ((tile, design.block(tile)) for tile in missing)
+            for tile in run_on_cluster(client, make_engine, target.location, tasks):
+                advance(points_in(tile))
+            return
+        engine = make_engine()
+        for tile in missing:
+            target.write(tile, engine.run(design.block(tile)))
+            advance(points_in(tile))
+
+
+def _digest(design: Design, program: Program, first, edges) -> str:
+    """What a store must agree on to be resumed: points, chunks, and the program of a point with its data."""
+    text = f"{design.fingerprint()} {edges} {program_digest(program, first)}"
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _gradient_names(scene, gradient) -> tuple[str, ...]:
+    known = tuple(parameters(scene))
+    if isinstance(gradient, bool):
+        return known if gradient else ()
+    unknown = [name for name in gradient if name not in known]
+    if unknown:
+        raise ValueError(
+            f"`gradient` must have names among {', '.join(known)}, but has {', '.join(unknown)}."
+            f"{did_you_mean(unknown, known)}"
+        )
+    return tuple(gradient)
+
+
+def _check(chunk, events, client, store) -> None:
+    for name, value, least in (("chunk", chunk, 1), ("events", events, 0)):
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            raise ValueError(f"`{name}` must be an integer >= {least}, but is {value!r}.")
+    if client is not None and store is None:
+        raise ValueError("A sweep on a cluster must have a `store` that all workers can write to, but has none.")

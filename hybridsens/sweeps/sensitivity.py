@@ -1,0 +1,102 @@
+"""Global sensitivity of J to the varied parameters, from the points of one sweep."""
+
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..parameters import split_name
+from .dataset import xarray
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def sobol_indices(dataset: "xr.Dataset", value: str = "J", confidence: float = 0.95) -> "xr.Dataset":
+    """Shares of the variance of J that the parameters have, alone (first order) and with all others (total order).
+
+    S_i = Var(E[J | p_i]) / Var(J),   T_i = 1 - Var(E[J | all but p_i]) / Var(J)
+
+    by the estimators (b) and (f) of Saltelli et al. 2010, table 2.
+
+    Arguments: the result of a sweep over a `saltelli` design; the scalar result to explain; the level of the bootstrap
+    intervals.
+    Returns: first_order, total_order (parameter,) and their intervals (parameter, end).
+    Raises: ValueError for another design. Rows with a failed point are left out, with a warning.
+    """
+    if dataset.attrs.get("design") != "saltelli":
+        raise ValueError(
+            f"Sobol indices need points of a `saltelli` design, but the design is {dataset.attrs.get('design')!r}."
+        )
+    names = _varied(dataset)
+    rows = dataset[value].values.reshape(len(names) + 2, -1)
+    rows = _complete(rows)
+    ends = np.quantile(_resampled(rows), [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
+    data = {}
+    for order, name in enumerate(("first_order", "total_order")):
+        data[name] = ("parameter", _estimates(rows)[order])
+        data[f"{name}_interval"] = (("parameter", "end"), ends[:, order].T)
+    return xarray().Dataset(data, {"parameter": names, "end": ["low", "high"]}, {"value": value})
+
+
+def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
+    """Derivative-based global sensitivity measures, and the bounds that they set to the total Sobol indices.
+
+    nu_i = E[(dJ/dp_i)^2],   T_i <= nu_i (b_i - a_i)^2 / (pi^2 Var(J))        (Sobol and Kucherenko 2009, theorem 2)
+
+    for p uniform in the box [a, b]. The bound needs a J without jumps over the box: look at `event_sequence`.
+    Arguments: the result of a sweep over a `random`, `latin_hypercube`, `sobol` or `saltelli` design, with gradient.
+    Raises: ValueError for points that were not drawn from a box, or a sweep without gradient.
+    """
+    names = _varied(dataset)
+    good = np.isfinite(dataset.J.values)
+    variance = np.var(dataset.J.values[good])
+    squares = np.array([np.mean(_derivative(dataset, name)[good] ** 2) for name in names])
+    widths = np.array([np.ptp(dataset[name].attrs["bounds"]) for name in names])
+    bound = squares * widths**2 / (np.pi**2 * variance)
+    return xarray().Dataset(
+        {"nu": ("parameter", squares), "total_order_bound": ("parameter", bound)}, {"parameter": names}
+    )
+
+
+def _varied(dataset) -> list[str]:
+    names = [str(name) for name, values in dataset.coords.items() if "bounds" in values.attrs]
+    if not names:
+        raise ValueError(f"The points must be drawn from a box, but the design is {dataset.attrs.get('design')!r}.")
+    return names
+
+
+def _derivative(dataset, name) -> np.ndarray:
+    leaf, index = split_name(name)
+    if f"dJ_d{leaf}" not in dataset:
+        raise ValueError(
+            f"The sweep must have the gradient by {leaf!r}, but has none; leave `gradient` at its default."
+        )
+    return dataset[f"dJ_d{leaf}"].values[(..., *(index or ()))]
+
+
+def _estimates(rows: np.ndarray) -> np.ndarray:
+    """First and total orders (2, parameter) from the values at A, B and A with one column of B (block, row)."""
+    a, b, *mixed = rows - rows[:2].mean()  # less the mean, which makes the first order's error smaller
+    variance = np.var(rows[:2])
+    first = [np.mean(b * (ab - a)) / variance for ab in mixed]
+    total = [np.mean((a - ab) ** 2) / (2 * variance) for ab in mixed]
+    return np.array([first, total])
+
+
+def _resampled(rows: np.ndarray, resamples: int = 500) -> np.ndarray:
+    """Estimates from rows drawn with replacement (the bootstrap), always the same draws."""
+    rng = np.random.default_rng(0)
+    count = rows.shape[1]
+    return np.array([_estimates(rows[:, rng.integers(count, size=count)]) for _ in range(resamples)])
+
+
+def _complete(rows):
+    whole = np.isfinite(rows).all(axis=0)
+    if not whole.all():
+        warnings.warn(
+            f"{np.sum(~whole)} of {whole.size} rows have a failed point and are left out of the indices.", stacklevel=3
+        )
+    if whole.sum() < 2:
+        raise ValueError(f"Sobol indices must have at least 2 rows without a failed point, but have {whole.sum()}.")
+    return rows[:, whole]

@@ -1,0 +1,55 @@
+"""Any hybrid system: what a user writes to have its motion and its gradient."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float, Int, PyTree
+
+Mode = PyTree[Array]
+"""The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
+
+Flow = PyTree[Float[Array, "..."]]
+"""The continuous state x, or its rate: any PyTree of real arrays."""
+
+
+class AbstractHybridSystem(eqx.Module):
+    """x' = flow(t, x, mode) until a guard falls through 0; then (x, mode) = transition(event, t, x, mode).
+
+    The array leaves of the module are the parameters. An event happens where a guard falls from above 0 to 0:
+
+    - A guard that the motion passes through, because the transition changes neither its value nor its meaning, must
+      rise above 0 before it can fall again (a section that is only recorded). So must one that starts below 0.
+    - A guard that a transition puts below 0 fires at once.
+    - Where several guards fall at once they fire one after the other, each only if it still is at 0 and falling.
+    """
+
+    @abc.abstractmethod
+    def flow(self, t: Float[Array, ""], x: Any, mode: Any) -> Any:
+        """Time derivative of the state in a mode, of the structure and shapes of x."""
+
+    @abc.abstractmethod
+    def guards(self, t: Float[Array, ""], x: Any, mode: Any) -> Float[Array, "guard"]:
+        """Event functions of a mode, of shape (guard,): positive inside, an event where one falls to 0."""
+
+    @abc.abstractmethod
+    def transition(self, event: Int[Array, ""], t: Float[Array, ""], x: Any, mode: Any) -> tuple[Any, Any]:
+        """State and mode after an event, of the structure, shapes and types of those before.
+
+        `event` is the index of the guard that fell, or the number of guards plus the index of the scheduled time that
+        came: choose by `jnp.where` or `jax.lax.switch`."""
+
+    def scheduled_times(self, x: Any, mode: Any) -> Float[Array, "time"] | None:
+        """Times of events that are known before they come: doses, input spikes, ticks of a clock, ends of delays.
+
+        A step ends on each of them, and nothing is searched for. They are made from parameters, from the mode, and from
+        parts of the state whose flow is 0 (the end of a delay that an earlier event has written there); gradients reach
+        them on each of these ways. A time comes once, also where it is t0 or t1. Where an event moves it, it
+        comes again: at once if it has passed. Times before t0 never come. None, the default, for none."""
+        del x, mode
+        return None
+
+    def jump_times(self) -> Float[Array, "jump"] | None:
+        """Times at which the flow has a kink or a jump (knots of a control, say): steps end there, and gradients reach
+        them. None, the default, for none."""
+        return None

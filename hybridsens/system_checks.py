@@ -1,0 +1,178 @@
+"""What a hybrid system must be: structures, shapes and types of what its functions return, before anything runs."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .system import AbstractHybridSystem
+from .validation.closures import hides_tracers, method_of
+from .validation.returned import returned_array, returned_leaves
+
+
+def state_as_arrays(x0) -> tuple[Any, Any]:
+    """The state with arrays for leaves, and their one type. Raises: TypeError where a leaf is no real number."""
+    leaves, tree = jax.tree.flatten(x0)
+    if not leaves:
+        raise TypeError(f"`x0` must hold real numbers, but is {x0!r}.")
+    arrays = [_real(leaf) for leaf in leaves]
+    dtype = jnp.result_type(*arrays)
+    return tree.unflatten([array.astype(dtype) for array in arrays]), dtype
+
+
+def _real(leaf) -> jax.Array:
+    try:
+        array = jnp.asarray(float(leaf) if isinstance(leaf, int) else leaf)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise TypeError(f"`x0` must hold real numbers, but has a leaf {type(leaf).__name__}.") from error
+    if not jnp.issubdtype(array.dtype, jnp.floating):
+        raise TypeError(f"`x0` must hold real numbers, but has a leaf of type {array.dtype}.")
+    return array
+
+
+def mode_as_arrays(mode) -> Any:
+    """The mode with arrays for leaves. Raises: TypeError where a leaf cannot be one."""
+
+    def array(leaf):
+        try:
+            return jax.lax.stop_gradient(jnp.asarray(leaf))
+        except (TypeError, ValueError, OverflowError) as error:
+            raise TypeError(
+                f"`mode` must hold numbers or arrays, but has a leaf {type(leaf).__name__}: number the modes."
+            ) from error
+
+    return jax.tree.map(array, mode)
+
+
+class Counts(NamedTuple):
+    """How many events of each sort a system has."""
+
+    guards: int
+    scheduled: int | None
+    """Scheduled times; None where the system does not speak of any."""
+
+
+def check_system(system: AbstractHybridSystem, running_cost, t, x, mode) -> tuple[Counts, Any]:
+    """How many guards and scheduled times there are, and what the running cost looks like.
+
+    Raises: ValueError or TypeError where the system's functions do not fit the state, the mode or each other."""
+    like = lambda tree: jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree)
+    t, x, mode = like((t, x, mode))
+    _must_match("flow", "the state", _outcome("flow", system.flow, t, x, mode), x, exact=False)
+    guards = returned_array("guards", system.guards, t, x, mode)
+    if guards.ndim != 1:
+        raise ValueError(f"`guards` must return an array of shape (guard,), but returns shape {guards.shape}.")
+    counts = Counts(guards.shape[0], _scheduled_count(system, x, mode))
+    if counts != (0, None):
+        event = jax.ShapeDtypeStruct((), jnp.asarray(0).dtype)
+        outcome = _outcome("transition", system.transition, event, t, x, mode)
+        if not isinstance(outcome, tuple) or len(outcome) != 2:
+            raise TypeError(f"`transition` must return (x, mode), but returns {_said(outcome)}.")
+        _must_match("transition", "the state", outcome[0], x, exact=False)
+        _must_match("transition", "the mode", outcome[1], mode, exact=True)
+    if running_cost is None:
+        return counts, None
+    if not callable(running_cost):
+        raise TypeError(
+            f"`running_cost` must be a function of (system, t, x, mode), but is {type(running_cost).__name__}."
+        )
+    if not returned_leaves("running_cost", running_cost, system, t, x, mode):
+        raise TypeError("`running_cost` must return real numbers, but returns nothing.")
+    return counts, eqx.filter_eval_shape(running_cost, system, t, x, mode)
+
+
+def _scheduled_count(system: AbstractHybridSystem, x, mode) -> int | None:
+    if eqx.filter_eval_shape(system.scheduled_times, x, mode) is None:
+        return None
+    times = returned_array("scheduled_times", system.scheduled_times, x, mode)
+    if times.ndim != 1 or times.shape[0] == 0:
+        raise ValueError(
+            f"`scheduled_times` must return an array of shape (time,) or None, but returns shape {times.shape}."
+        )
+    return times.shape[0]
+
+
+def _outcome(name: str, function: Callable, *arguments):
+    """What a function returns, with its arrays described."""
+    try:
+        return eqx.filter_eval_shape(function, *arguments)
+    except jax.errors.JAXTypeError as error:
+        reason = str(error).split("\n")[0]
+        raise TypeError(
+            f"`{name}` must be a function that JAX can trace, but is not: {reason} Use jax.numpy in place of NumPy and "
+            "math, and jnp.where or jax.lax.cond in place of `if`."
+        ) from error
+    except Exception as error:
+        error.add_note(f"Raised by `{name}` of the system.")
+        raise
+
+
+def _must_match(name: str, what: str, found, wanted, exact: bool) -> None:
+    """Raise where structure, shapes or (if `exact`) types differ."""
+    if jax.tree.structure(found) != jax.tree.structure(wanted):
+        raise ValueError(
+            f"`{name}` must return {what} as a PyTree of the structure {jax.tree.structure(wanted)}, but returns "
+            f"{jax.tree.structure(found)}."
+        )
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
+        one_type, shape = _dtype(one), np.shape(one)
+        if shape != other.shape or (exact and one_type != other.dtype):
+            raise ValueError(
+                f"`{name}` must return {what} with leaves of the shapes and types before, but returns "
+                f"{one_type}{list(shape)} in place of {other.dtype}{list(other.shape)}."
+            )
+        if not exact and not jnp.issubdtype(one_type, jnp.floating):
+            raise TypeError(f"`{name}` must return {what} in real numbers, but returns {one_type}.")
+
+
+def _dtype(leaf):
+    return leaf.dtype if hasattr(leaf, "dtype") else jnp.asarray(leaf).dtype
+
+
+def _said(outcome) -> str:
+    return f"{len(outcome)} things" if isinstance(outcome, tuple) else type(outcome).__name__
+
+
+class LiftedSystem(AbstractHybridSystem):
+    """A system whose functions' hidden traced values are leaves."""
+
+    system: AbstractHybridSystem
+    functions: dict[str, Callable]
+
+    def flow(self, t, x, mode):
+        return self.functions["flow"](self.system, t, x, mode)
+
+    def guards(self, t, x, mode):
+        return self.functions["guards"](self.system, t, x, mode)
+
+    def transition(self, event, t, x, mode):
+        return self.functions["transition"](self.system, event, t, x, mode)
+
+    def scheduled_times(self, x, mode):
+        return self.functions["scheduled_times"](self.system, x, mode)
+
+
+def as_written(system: AbstractHybridSystem) -> AbstractHybridSystem:
+    """The system that the user wrote: the one that a running cost is given."""
+    return system.system if isinstance(system, LiftedSystem) else system
+
+
+def lifted(system: AbstractHybridSystem, running_cost, t, x, mode):
+    """The system and the running cost, with every traced value that they close over turned into a leaf: a custom
+    derivative rule would not see it otherwise."""
+    calls = {
+        "flow": (method_of("flow"), given := (system, t, x, mode)),
+        "guards": (method_of("guards"), given),
+        "transition": (method_of("transition"), (system, jnp.asarray(0), t, x, mode)),
+        "scheduled_times": (method_of("scheduled_times"), (system, x, mode)),
+    }
+    if running_cost is not None and hides_tracers(running_cost, given):
+        written = running_cost
+        running_cost = eqx.filter_closure_convert(lambda *given: written(*given), *given)
+    if any(hides_tracers(*call) for call in calls.values()):
+        functions = {name: eqx.filter_closure_convert(call, *given) for name, (call, given) in calls.items()}
+        system = LiftedSystem(system, functions)
+    return system, running_cost

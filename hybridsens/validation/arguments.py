@@ -1,0 +1,66 @@
+"""Arguments of the front doors: numbers and arrays, checked by their names before anything runs."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+
+def real_array(name: str, value, ndim: int) -> jax.Array:
+    """`value` as an array of real numbers with so many axes. Raises: TypeError or ValueError with its name."""
+    try:
+        array = jnp.asarray(float(value) if isinstance(value, int) else value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise TypeError(f"`{name}` must hold real numbers, but is {type(value).__name__}.") from error
+    if not any(jnp.issubdtype(array.dtype, kind) for kind in (jnp.floating, jnp.integer, jnp.bool_)):
+        raise TypeError(f"`{name}` must hold real numbers, but has type {array.dtype}.")
+    if array.ndim != ndim:
+        expected = ["()", "(sample,)"][ndim]
+        raise ValueError(f"`{name}` must have shape {expected}, but has shape {array.shape}.")
+    return array
+
+
+def real_tolerance(name: str, value):
+    """A positive number, or a scalar array whose value is looked at when the motion runs."""
+    if isinstance(value, jax.Array):
+        return real_array(name, value, 0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1e308:
+        raise ValueError(f"`{name}` must be a positive number, but is {value!r}.")
+    return float(value)
+
+
+def real_fraction(name: str, value):
+    """A number in [0, 1), or a scalar array whose value is looked at when the motion runs."""
+    if isinstance(value, jax.Array):
+        return real_array(name, value, 0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1:
+        raise ValueError(f"`{name}` must lie in [0, 1), but is {value!r}.")
+    return float(value)
+
+
+def check_mesh(*given) -> None:
+    """Raise ValueError inside of a `jax.shard_map` that follows what varies over the mesh.
+
+    It asks that what a loop carries varies from the start as it does in the end. The loops of Diffrax begin with
+    constants, which vary over nothing, so that no care taken here would do."""
+    arrays = [leaf for leaf in jax.tree.leaves(given) if isinstance(leaf, jax.Array)]
+    over = sorted({str(axis) for leaf in arrays for axis in _varies_over(jax.typeof(leaf))})
+    if over:
+        raise ValueError(
+            "Inside of jax.shard_map a motion must be computed with check_vma=False, but here JAX follows what varies "
+            f"over the mesh axes {over}: give jax.shard_map the argument check_vma=False, or use hybridsens.sweep."
+        )
+
+
+def _varies_over(kind):
+    """Mesh axes that a value is known to vary over; JAX 0.10 keeps them elsewhere than JAX 0.7."""
+    return getattr(getattr(kind, "manual_axis_type", None), "varying", ()) or getattr(kind, "vma", ())
+
+
+def in_type(tree: Any, dtype) -> Any:
+    """The tree with its real arrays in that type."""
+    other = lambda leaf: eqx.is_inexact_array(leaf) and leaf.dtype != dtype and jnp.issubdtype(leaf.dtype, jnp.floating)
+    if not any(map(other, jax.tree.leaves(tree))):
+        return tree
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if other(leaf) else leaf, tree)

@@ -1,0 +1,105 @@
+"""A motion that did not reach its end raises, in few lines where it is compiled, or makes its numbers nan."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+from jax.sharding import AxisType, PartitionSpec
+
+import hybridsens as hs
+
+W = jnp.array(9.81)
+SENTENCE = "The motion did not reach its end: the motion had more events than `max_events`. Raise `max_events`"
+
+
+class Ball(hs.AbstractScene):
+    """A ball that never rests."""
+
+    sustained_contact = False
+    weight: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -self.weight[None]
+
+    def gap(self, t, q):
+        return q
+
+    def restitution(self):
+        return jnp.full(1, 0.8)
+
+
+def final(weight, throw=True, t1=5.0):
+    """Breaks off at its third impact, at the default time."""
+    motion = hs.simulate(Ball(weight), hs.State([1.0], [0.0]), t1=t1, max_events=2, max_steps=100, throw=throw)
+    return motion.final.q[0]
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: final(W),
+        lambda: jax.grad(final)(W),
+        lambda: jax.vmap(final)(W[None]),
+        lambda: jax.vmap(jax.grad(final))(W[None]),
+    ],
+    ids=["plain", "grad", "vmap", "vmap grad"],
+)
+def test_a_simulation_error_is_raised_wherever_the_outcome_is_seen(call):
+    """Also in a batch, and in the middle of differentiation."""
+    with pytest.raises(hs.SimulationError) as caught:
+        call()
+    assert str(caught.value).startswith(SENTENCE)
+
+
+@pytest.mark.parametrize("jit", [jax.jit, eqx.filter_jit])
+@pytest.mark.parametrize("transform", [lambda f: f, jax.vmap, jax.grad], ids=["value", "vmap", "grad"])
+def test_a_compiled_program_says_it_in_three_lines(jit, transform, capfd):
+    """XLA's own words come first; the sentence is the last line, and nothing else is printed. A gradient is checked
+    too, where the value of which it is one is not computed."""
+    given = W[None] if transform is jax.vmap else W
+    with pytest.raises((RuntimeError, ValueError)) as caught:
+        jax.block_until_ready(jit(transform(lambda w: final(w)))(given))
+    lines = str(caught.value).splitlines()
+    assert len(lines) <= 3
+    assert lines[-1].startswith(f"SimulationError: {SENTENCE}")
+    assert capfd.readouterr().err == ""
+
+
+def test_a_batch_raises_only_if_one_of_its_motions_failed():
+    """And then under jit too."""
+    run = jax.jit(jax.vmap(final, in_axes=(None, None, 0)), static_argnums=1)
+    run(W, True, jnp.array([0.1, 0.2])).block_until_ready()
+    with pytest.raises((RuntimeError, ValueError), match="max_events"):
+        run(W, True, jnp.array([0.1, 5.0])).block_until_ready()
+
+
+def test_nan_instead_of_an_exception():
+    """Value and gradient of a failed motion are nan, those beside it are as ever; also where nothing began."""
+    weights, ends = jnp.array([9.81, 9.81, jnp.nan]), jnp.array([0.1, 5.0, 0.1])
+    run = jax.jit(jax.vmap(jax.value_and_grad(final), in_axes=(0, None, 0)), static_argnums=1)
+    (values, gradients), plain = run(weights, "nan", ends), run(weights, False, ends)
+    assert jnp.isnan(values).tolist() == jnp.isnan(gradients).tolist() == [False, True, True]
+    assert values[0] == plain[0][0] and gradients[0] == plain[1][0]
+    assert plain[1][2] == 0  # what an optimiser would take for a stationary point
+
+
+def test_export():
+    """A program that cannot raise is exported; JAX refuses one that can."""
+    exported = jax.export.export(jax.jit(lambda w: final(w, "nan", 0.1)))(W)
+    assert exported.call(W) == final(W, True, 0.1)
+    with pytest.raises(NotImplementedError, match="host_callbacks"):
+        jax.export.export(jax.jit(final))(W)
+
+
+def test_shard_map_is_told_what_it_needs():
+    """By default it follows what varies over the mesh, which loops inside do not; without that it serves gradients."""
+    mesh = jax.make_mesh((1,), ("lane",), axis_types=(AxisType.Auto,))
+    lanes = PartitionSpec("lane")
+    gradient = jax.vmap(jax.grad(lambda w: final(w, False, 0.1)))
+    shard = lambda **given: jax.jit(jax.shard_map(gradient, mesh=mesh, in_specs=lanes, out_specs=lanes, **given))
+    with pytest.raises(ValueError, match=r"check_vma=False.*\['lane'\]"):
+        shard()(W[None])
+    assert jnp.allclose(shard(check_vma=False)(W[None]), -0.005, rtol=1e-9)

@@ -1,0 +1,101 @@
+"""Pictures show what the motion did, and moving ones have its frames."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from PIL import Image
+
+import hybridsens as hs
+from hybridsens.plot.figure import new_figure
+from hybridsens.scenes import BouncingBall
+
+FALL = float(np.sqrt(2 / 9.81))
+
+
+class NamedBall(BouncingBall):
+    """A ball that can be drawn."""
+
+    coordinates = ("height [m]",)
+    contacts = ("floor",)
+
+    def draw(self, q):
+        return [hs.planar.circle([0.0, 0.0], 0.1) + np.array([0.0, float(q[0])]), np.array([[-1.0, 0.0], [1.0, 0.0]])]
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """One bounce: from height 1, with e = 0.8, until 1."""
+    ball = NamedBall()
+    return hs.simulate(ball, ball.initial_state(), t1=1.0, ts=jnp.linspace(0, 1, 21))
+
+
+@pytest.fixture(scope="module")
+def resting():
+    ball = NamedBall(height=0.0)
+    return hs.simulate(ball, ball.initial_state(), t1=1.0, ts=jnp.linspace(0, 1, 21))
+
+
+def test_the_costate_of_a_bounce_has_its_closed_form(motion):
+    """J = q(1): after the impact (1, 1 - t). Before it, a shift dq of the fall ends in -e dq with the velocity changed
+    by (1 + e) g dq / w, and a dv in -e dv, carried on from there; w is the speed at which the ball strikes."""
+    found = hs.costate(motion, lambda following: following.final.q[0])
+    t, g, e = np.asarray(motion.ts)[:-1], 9.81, 0.8
+    left, fall, w = 1 - FALL, FALL - t, g * FALL
+    through = lambda dq, dv: -e * dq + left * (-e * dv + (1 + e) * g * dq / w)
+    before = t < FALL
+    dq = np.where(before, through(1.0, 0.0), 1.0)
+    dv = np.where(before, through(fall, 1.0), 1 - t)
+    np.testing.assert_allclose(found.q[:-1, 0], dq, rtol=1e-9)
+    np.testing.assert_allclose(found.v[:-1, 0], dv, rtol=1e-9)
+    assert np.isnan(found.q[-1, 0])
+
+
+def test_the_force_of_a_held_contact_is_the_weight(motion, resting):
+    """On a ball that rests; there is none on one that only bounces."""
+    _, forces = hs.contact_forces(NamedBall(), resting)
+    np.testing.assert_allclose(forces, 9.81, rtol=1e-12)
+    _, forces = hs.contact_forces(NamedBall(), motion)
+    assert not np.any(forces)
+
+
+def test_impulses_are_drawn_where_they_strike(motion):
+    """One dot, at the time and the impulse of the impact: (1 + e) times the speed."""
+    below = hs.plot_contacts(NamedBall(), motion).axes[1]
+    (dot,) = [line for line in below.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(dot.get_xydata(), [[FALL, 1.8 * 9.81 * FALL]], rtol=1e-9)
+
+
+def test_coordinates_have_their_names_and_jumps(motion):
+    """The phase plane goes through both sides of the impact, at height 0."""
+    axes = hs.plot_phase(NamedBall(), motion, "height [m]").axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("height [m]", "height rate [m/s]")
+    path = axes.lines[0].get_xydata()
+    speed = 9.81 * FALL
+    sides = path[np.abs(path[:, 0]) < 1e-12, 1]
+    np.testing.assert_allclose(sides, [-speed, 0.8 * speed], rtol=1e-9)
+    rows = hs.plot_coordinates(NamedBall(), motion).axes
+    assert [row.get_ylabel() for row in rows] == ["height [m]", "height rate [m/s]"]
+    with pytest.raises(ValueError, match="one of height"):
+        hs.plot_phase(NamedBall(), motion, "width")
+
+
+def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):
+    """Eleven frames for a second at ten a second; a page, too; and clear words where nothing can be drawn."""
+    moving = hs.animate(NamedBall(), motion, frames_per_second=10, size=(2.0, 2.0))
+    moving.save(tmp_path / "ball.gif")
+    with Image.open(tmp_path / "ball.gif") as gif:
+        assert gif.n_frames == 11
+        first, last = (np.asarray(gif.convert("L")) for k in (0, 10) if gif.seek(k) is None)
+    assert np.any(first != last)
+    assert moving._repr_html_().startswith("<img src='data:image/gif;base64,")
+    with pytest.raises(ValueError, match=r"\.gif or \.html"):
+        moving.save(tmp_path / "ball.mp4")
+    with pytest.raises(ValueError, match="`draw` must be given for a BouncingBall"):
+        hs.animate(BouncingBall(), motion)
+    with pytest.raises(ValueError, match="raise `speed`"):
+        hs.animate(NamedBall(), motion, speed=0.01)
+
+
+def test_a_figure_shows_itself_in_a_notebook():
+    """As a PNG, without pyplot."""
+    assert new_figure((1, 1))._repr_png_().startswith(b"\x89PNG")

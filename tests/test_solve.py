@@ -1,0 +1,148 @@
+"""Hybrid systems that are not mechanical, against closed forms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from closeness import assert_close
+from hybrid_problems import Ball, Dominoes, Lines, Neuron, Oscillator, Overflow, Thermostat
+
+import hybridsens as hs
+
+BOTH = pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
+TIGHT = dict(rtol=1e-12, atol=1e-12)
+
+
+def jacobian(function, adjoint):
+    """Value and derivative of function(p, adjoint) in the way that the method serves."""
+    way = jax.jacrev if isinstance(adjoint, hs.Replay) else jax.jacfwd
+    return lambda p: (function(p, adjoint), way(lambda p: function(p, adjoint))(p))
+
+
+@BOTH
+def test_a_thermostat_has_its_closed_form(adjoint):
+    """Three switches, the last temperature, and a running cost that jumps with the mode, by all parameters and x0."""
+
+    def computed(p, adjoint):
+        used = lambda system, t, x, mode: jnp.where(mode["on"], system.heat, 0)
+        start, off = {"inside": p[5]}, {"on": False, "count": 0}
+        made = hs.solve(
+            Thermostat(*p[:5]), start, off, t1=3.2, running_cost=used, max_events=8, adjoint=adjoint, **TIGHT
+        )
+        return jnp.concatenate([made.events.time[:3], jnp.stack([made.final["inside"], made.cost])])
+
+    def exact(p):
+        a, outside, heat, low, high, x0 = p
+        hot = outside + heat / a
+        t_on = jnp.log((x0 - outside) / (low - outside)) / a
+        t_off = t_on + jnp.log((hot - low) / (hot - high)) / a
+        t_on_again = t_off + jnp.log((high - outside) / (low - outside)) / a
+        final = hot + (low - hot) * jnp.exp(-a * (3.2 - t_on_again))
+        return jnp.stack([t_on, t_off, t_on_again, final, heat * (t_off - t_on + 3.2 - t_on_again)])
+
+    p = jnp.array([0.3, 10.0, 9.0, 18.0, 22.0, 20.0])
+    value, derivative = jacobian(computed, adjoint)(p)
+    assert_close(value, exact(p), 1e-9)
+    assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
+
+
+@BOTH
+def test_a_neuron_has_its_closed_form(adjoint):
+    """Spike k comes tau log(i_k / (i_k - 1)) after the one before, with i_k = i + k w."""
+
+    def computed(p, adjoint):
+        start = {"v": 0.0, "i": p[2]}
+        return hs.solve(Neuron(*p[:2]), start, t1=1.6, max_events=4, adjoint=adjoint, **TIGHT).events.time[:4]
+
+    def exact(p):
+        i = p[2] + p[1] * jnp.arange(4)
+        return jnp.cumsum(p[0] * jnp.log(i / (i - 1)))
+
+    p = jnp.array([0.5, 0.3, 1.6])
+    value, derivative = jacobian(computed, adjoint)(p)
+    assert_close(value, exact(p), 1e-9)
+    assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
+
+
+def test_a_ball_is_that_of_the_scene():
+    """Events, samples, final state and gradient to rounding."""
+    ts = jnp.linspace(0.0, 2.0, 9)
+
+    def general(p):
+        made = hs.solve(Ball(p[0], p[1]), jnp.array([1.0, 0.0]), t1=2.0, ts=ts, max_events=8)
+        return jnp.concatenate([made.final, made.events.time[:3], made.x[:, 0]])
+
+    def scene(p):
+        ball = hs.scenes.BouncingBall(mass=1.0, weight=p[0], restitution_coefficient=p[1])
+        made = hs.simulate(ball, hs.State(jnp.array([1.0]), jnp.array([0.0])), t1=2.0, ts=ts, max_events=8)
+        return jnp.concatenate([made.final.q, made.final.v, made.events.time[:3], made.q[:, 0]])
+
+    p = jnp.array([9.81, 0.8])
+    assert_close(general(p), scene(p), 1e-12)
+    assert_close(jax.jacrev(general)(p), jax.jacrev(scene)(p), 1e-11)
+
+
+@BOTH
+@pytest.mark.parametrize("start", [1.0, -1.0])
+def test_a_section_is_passed_downward_only(adjoint, start):
+    """From above and from below 0: every period once, and none of the silent rises is reported."""
+    first = jnp.pi / 2 if start > 0 else 3 * jnp.pi / 2
+
+    def times(w, adjoint):
+        x0 = jnp.array([start, 0.0])
+        made = hs.solve(Oscillator(w), x0, 0, t1=11.0, max_events=3, adjoint=adjoint, throw=False, **TIGHT)
+        return jnp.append(made.events.time[:3], made.mode)
+
+    value, derivative = jacobian(times, adjoint)(jnp.array(2.0))
+    expected = (first + 2 * jnp.pi * jnp.arange(3)) / 2
+    assert_close(value, jnp.append(expected, 3), 1e-9)
+    assert_close(derivative, jnp.append(-expected / 2, 0), 1e-9)
+
+
+@BOTH
+def test_an_event_that_fires_another_at_once(adjoint):
+    """Both move together: t = x0 / speed, and x(t1) = height + more t - speed (t1 - t)."""
+
+    def computed(p, adjoint):
+        made = hs.solve(Dominoes(*p[:3]), jnp.stack([p[3], 1.0]), t1=1.5, max_events=4, adjoint=adjoint, **TIGHT)
+        return jnp.stack([*made.events.time[:2], made.final[0], made.events.count.astype(float)])
+
+    def exact(p):
+        speed, height, more, x0 = p
+        t = x0 / speed
+        return jnp.stack([t, t, height + more * t - speed * (1.5 - t), jnp.array(2.0)])
+
+    p = jnp.array([1.3, 2.0, 0.7, 1.1])
+    value, derivative = jacobian(computed, adjoint)(p)
+    assert_close(value, exact(p), 1e-9)
+    assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
+
+
+def test_guards_that_fall_almost_together_fire_in_their_order():
+    """Lines 3e-7 apart; then one whose kick takes the other back before it is met."""
+    at = jnp.array([0.5 - 3e-7, 0.5])
+    made = hs.solve(Lines(at, jnp.zeros(2)), 1.0, t1=1.0)
+    np.testing.assert_array_equal(made.events.guard[:2], [1, 0])
+    assert_close(made.events.time[:2], jnp.array([0.5, 0.5 + 3e-7]), 1e-14)
+    back = hs.solve(Lines(at, jnp.array([0.0, 0.25])), 1.0, t1=0.7)
+    assert int(back.events.count) == 1
+
+
+def test_a_guard_may_start_on_zero_without_a_rate():
+    """At t = 1 it stops overflowing: full - h is 0 there with rate 0, and grows as (t - 1)^2 / 2."""
+    final = lambda full: hs.solve(Overflow(full), 0.0, 0, t1=3.0, max_events=4)
+    made = final(jnp.array(0.3))
+    assert_close(made.events.time[:2], jnp.array([1 - jnp.sqrt(0.4), 1.0]), 1e-9)
+    assert_close(made.final, jnp.array(0.3 - 2.0), 1e-9)
+    assert_close(jax.grad(lambda full: final(full).final)(jnp.array(0.3)), jnp.array(1.0), 1e-9)
+
+
+def test_what_chatters_says_so():
+    """One threshold both ways; and what is raised shows the modes."""
+    room = Thermostat(*map(jnp.array, (0.3, 10.0, 9.0, 20.0, 20.0)))
+    chatter = lambda throw: hs.solve(room, {"inside": 21.0}, {"on": False, "count": 0}, t1=3.0, throw=throw)
+    assert chatter(False).status == hs.Status.event_repeats
+    assert "thresholds apart" in str(chatter(False))
+    seen = "The last events: t = 0.317700599, event 0 to mode {'count': 1, 'on': True}"
+    with pytest.raises(hs.SimulationError, match=seen):
+        chatter(True)

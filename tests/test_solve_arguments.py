@@ -1,0 +1,72 @@
+"""What goes into `solve`: transformations of JAX, closures, and arguments that do not fit."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+from closeness import assert_close
+from hybrid_problems import Ball, Oscillator
+
+import hybridsens as hs
+
+
+def test_transformations():
+    """jit, vmap, the Hessian, and states between events."""
+    height = lambda p: hs.solve(Ball(p[0], p[1]), jnp.array([1.0, 0.0]), t1=1.0, max_events=4).final[0]
+
+    def exact(p):
+        fall = jnp.sqrt(2 / p[0])
+        return p[1] * p[0] * fall * (1 - fall) - p[0] * (1 - fall) ** 2 / 2
+
+    points = jnp.array([[9.81, 0.8], [9.0, 0.7]])
+    assert_close(jax.jit(jax.vmap(jax.grad(height)))(points), jax.vmap(jax.grad(exact))(points), 1e-7)
+    assert_close(jax.hessian(height)(points[0]), jax.hessian(exact)(points[0]), 1e-6)
+    made = hs.solve(Ball(*points[0]), jnp.array([1.0, 0.0]), t1=1.0)
+    assert_close(made.evaluate(0.2)[0], 1 - 9.81 * 0.02, 1e-9)
+    assert_close(made.evaluate(jnp.array([0.1, 0.2]))[:, 1], -9.81 * jnp.array([0.1, 0.2]), 1e-9)
+
+
+def test_closed_over_values_are_differentiated():
+    """A weight that only the transition and the running cost close over."""
+
+    def total(w):
+        class Counter(Oscillator):
+            def transition(self, event, t, x, mode):
+                return x * w, mode
+
+        cost = lambda system, t, x, mode: w * system.w
+        made = hs.solve(Counter(jnp.array(1.0)), jnp.array([1.0, 0.0]), 0, t1=3.0, running_cost=cost, max_events=4)
+        return made.final[0] + made.cost
+
+    assert_close(jax.grad(total)(jnp.array(0.9)), jnp.cos(3.0) + 3.0, 1e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (dict(flow=lambda self, t, x, mode: x[0]), "`flow` must return the state"),
+        (dict(guards=lambda self, t, x, mode: x[0]), r"`guards` must return an array of shape \(guard,\)"),
+        (dict(transition=lambda self, event, t, x, mode: x), r"`transition` must return \(x, mode\)"),
+        (dict(transition=lambda self, event, t, x, mode: (x[:1], mode)), "`transition` must return the state"),
+        (dict(transition=lambda self, event, t, x, mode: (x, mode + 0.5)), "`transition` must return the mode"),
+        (dict(flow=lambda self, t, x, mode: x if mode > 0 else -x), "`flow` must be a function that JAX can trace"),
+    ],
+)
+def test_what_does_not_fit_is_told(change, message):
+    """Every function by its name, before anything runs."""
+    system = type("Wrong", (Oscillator,), change)(jnp.array(1.0))
+    with pytest.raises((TypeError, ValueError), match=message):
+        hs.solve(system, jnp.array([1.0, 0.0]), 0, t1=1.0)
+
+
+def test_arguments_that_do_not_fit_are_told():
+    """State, mode, and a scene in place of a system."""
+    system, x0 = Oscillator(jnp.array(1.0)), jnp.array([1.0, 0.0])
+    for arguments, message in (
+        ((system, "start", 0), "`x0` must hold real numbers"),
+        ((system, x0, "on"), "`mode` must hold numbers"),
+        ((hs.scenes.BouncingBall(), x0, 0), "system.*AbstractHybridSystem"),
+    ):
+        with pytest.raises(TypeError, match=message):
+            hs.solve(*arguments, t1=1.0)
+    with pytest.raises(ValueError, match="max_events"):
+        hs.solve(system, x0, 0, t1=1.0, max_events=0)

@@ -1,0 +1,129 @@
+"""Out of a motion lead tables, data sets, files and other times, and a file leads back."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hybridsens as hs
+from hybridsens.export.html import table
+from hybridsens.export.libraries import optional
+from hybridsens.scenes import StackedBalls
+
+TS = jnp.linspace(0, 1, 9)
+
+
+class NamedBalls(StackedBalls):
+    """Two balls whose coordinates and contacts have names."""
+
+    coordinates = ("low [m]", "high")
+    contacts = ("floor", "balls")
+
+
+def _cost(scene, t, q, v):
+    return {"squares": q @ q, "both": (q[0], v)}
+
+
+@pytest.fixture(scope="module")
+def motion():
+    scene = NamedBalls()
+    return hs.simulate(scene, scene.initial_state(), t1=1.0, ts=TS, running_cost=_cost, max_events=8)
+
+
+def test_samples_and_events_are_tables(motion):
+    """Columns have the scene's names, and there are as many events as there were."""
+    samples, events = motion.to_pandas(), motion.events.to_pandas()
+    assert list(samples.columns) == ["low [m]", "high", "low rate [m/s]", "high rate"]
+    np.testing.assert_array_equal(samples.index, TS)
+    np.testing.assert_array_equal(samples["high rate"], motion.v[:, 1])
+    n = int(motion.events.count)
+    assert 0 < len(events) == n < 8
+    np.testing.assert_array_equal(events["time [s]"], motion.events.time[:n])
+    contact = np.asarray(motion.events.contact[:n])
+    np.testing.assert_array_equal(events["impulse [N s]"], motion.events.impulse[np.arange(n), contact])
+    assert set(events["kind"]) == {"impact"}
+    assert events["contact"].tolist() == [NamedBalls.contacts[i] for i in contact]
+    assert "low rate [m/s] before" in events.columns
+
+
+def test_a_data_set_holds_all_of_a_motion(motion):
+    """By name: samples, events without padding, and each part of the cost."""
+    dataset = motion.to_xarray()
+    np.testing.assert_array_equal(dataset.q.sel(coordinate="high"), motion.q[:, 1])
+    balls = motion.events.impulse[: int(motion.events.count), 1]
+    np.testing.assert_array_equal(dataset.impulse.sel(contact="balls"), balls)
+    assert dataset["cost.both.1"].values.tolist() == motion.cost["both"][1].tolist()
+    assert dataset.attrs["status"] == "successful"
+
+
+@pytest.mark.parametrize("sampled", [True, False])
+def test_a_file_gives_the_motion_back(motion, sampled, tmp_path):
+    """Every number and every type, in the same structure, but for the padding behind the events."""
+    if not sampled:
+        motion = eqx.tree_at(lambda m: (m.ts, m.q, m.v), motion, (None, None, None))
+    motion.save(tmp_path / "motion.nc")
+    loaded = hs.load(tmp_path / "motion.nc")
+    n = int(motion.events.count)
+    cut = lambda m: eqx.tree_at(
+        lambda m: m.events, m, jax.tree.map(lambda leaf: leaf[:n] if leaf.ndim else leaf, m.events)
+    )
+    found, known = (jax.tree.leaves_with_path(cut(m)) for m in (loaded, motion))
+    assert [path for path, _ in found] == [path for path, _ in known]
+    for (path, leaf), (_, expected) in zip(found, known, strict=True):
+        np.testing.assert_array_equal(leaf, expected, err_msg=str(path))
+        assert leaf.dtype == expected.dtype, path
+    assert loaded.events.time.shape == (8,) and bool(jnp.all(jnp.isinf(loaded.events.time[n:])))
+
+
+def test_a_file_of_another_origin_is_refused(motion, tmp_path):
+    """Only `save` writes what `load` reads."""
+    motion.to_xarray().to_netcdf(tmp_path / "other.nc")
+    with pytest.raises(ValueError, match="must be a file that `save`"):
+        hs.load(tmp_path / "other.nc")
+
+
+def test_other_times_are_as_exact_as_the_motion(motion):
+    """In any order and shape; the free flight of both balls has a closed form."""
+    early = np.array([[0.3, 0.0], [0.1, 0.2]])
+    found = motion.evaluate(early)
+    np.testing.assert_allclose(found.q[..., 0], 1 - 9.81 * early**2 / 2, rtol=1e-13)
+    np.testing.assert_allclose(motion.evaluate(0.2).v, found.v[1, 1], rtol=1e-13)
+    np.testing.assert_array_equal(motion.evaluate(TS[5]).q, motion.q[5])
+    with pytest.raises(hs.SimulationError, match="lie within"):
+        motion.evaluate(1.5)
+
+
+def test_a_motion_that_lost_its_scene_says_so(motion):
+    """One that was taken out of a batch has its numbers and no more."""
+    with pytest.raises(ValueError, match="Pass `ts=`"):
+        jax.tree.map(lambda leaf: leaf, motion).evaluate(0.5)
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), motion)
+    for way in (batch.to_xarray, batch.to_pandas, batch.events.to_pandas):
+        with pytest.raises(ValueError, match="batch of"):
+            way()
+
+
+def test_names_must_be_as_many_as_there_are():
+    """One name for two coordinates is an error."""
+    from hybridsens.export.names import coordinate_names
+
+    class Misnamed(StackedBalls):
+        coordinates = ("low [m]",)
+
+    with pytest.raises(ValueError, match="tuple of 2 names"):
+        coordinate_names(Misnamed(), 2)
+
+
+def test_a_library_that_is_missing_is_named_with_its_extra():
+    """So that one knows what to install."""
+    with pytest.raises(ImportError, match=r"to_nowhere\(\) needs .*pip install 'hybridsens\[tables\]'"):
+        optional("no_such_library_at_all", "to_nowhere()")
+
+
+def test_a_notebook_shows_events_as_a_table(motion):
+    """One row for each event, and text that could be HTML is not taken for it."""
+    page = motion._repr_html_()
+    assert page.count("<tr>") == 1 + int(motion.events.count)
+    assert "status: successful" in page
+    assert "&lt;b&gt;" in table(["<b>"], []) and "<b>" not in table(["head"], [["<b>"]])
