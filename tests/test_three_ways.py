@@ -13,7 +13,7 @@ import hybridsens as hs
 from hybridsens.scenes import SCENES, ElasticStop
 
 TOLERANCE = 1e-12
-SLOW = ("double-pendulum-wall", "stacked-balls", "vibrating-table")
+SLOW = ("double-pendulum-wall", "stacked-balls")  # the quick ones show every kind of event without them
 NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in SCENES]
 # These start in contact: another initial state would penetrate, or fall.
 START_CLOSED = {"cylinder-slide", "vibrating-table"}
@@ -132,6 +132,7 @@ def test_damping_adds_its_trace_to_the_determinant():
     assert_close(log_determinant("elastic-stop"), 2 * count * np.log(0.8) - 0.1 * s.t1, 1e-9)
 
 
+@pytest.mark.slow
 def test_determinant_of_two_bodies():
     """With several degrees of freedom an impact of one contact still multiplies volumes by e^2."""
     s, (_, _, trajectory) = scene("stacked-balls"), solved("stacked-balls")
