@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..flat_system import AbstractFlatSystem
 from ..numerics.small_arrays import any_of
 from ..status import Status
+from .clip_floor import short_clip_floor
 from .event_location import EventLocator, LocatorState, first_to_fall, guards_at_start
 from .record import Motion, after_jump, before_jump, jump_number
 from .solver import TERM
@@ -47,23 +48,25 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     stop = jnp.minimum(known.stop, t1)
     start = guards_at_start(system, motion.t, motion.x, motion.mode)
     at_once = any_of(start.triggered) | ~motion.begun
-    solution = diffrax.diffeqsolve(
-        TERM,
-        stepper.solver,
-        motion.t,
-        jnp.where(at_once, motion.t, jnp.maximum(stop, motion.t)),
-        None,
-        motion.x,
-        args=(system, motion.mode),
-        stepsize_controller=EventLocator(
-            stepper.controller, motion.first_step, stop, motion.steps, motion.rejected, start,
-            stepper.max_steps, stepper.segment_steps,
-        ),
-        saveat=diffrax.SaveAt(t1=True, controller_state=True),
-        adjoint=diffrax.ForwardMode(),
-        max_steps=None,
-        throw=False,
-    )
+    controller = EventLocator(
+        stepper.controller, motion.first_step, stop, motion.steps, motion.rejected, start,
+        stepper.max_steps, stepper.segment_steps,
+    )  # fmt: skip
+    with short_clip_floor():
+        solution = diffrax.diffeqsolve(
+            TERM,
+            stepper.solver,
+            motion.t,
+            jnp.where(at_once, motion.t, jnp.maximum(stop, motion.t)),
+            None,
+            motion.x,
+            args=(system, motion.mode),
+            stepsize_controller=controller,
+            saveat=diffrax.SaveAt(t1=True, controller_state=True),
+            adjoint=diffrax.ForwardMode(),
+            max_steps=None,
+            throw=False,
+        )
     state, ts, ys = solution.controller_state, solution.ts, solution.ys
     assert isinstance(state, LocatorState) and ts is not None and ys is not None
     landed = solution.result == diffrax.RESULTS.event_occurred

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .scene import AbstractScene
 from .typed import WrappedScene
@@ -31,10 +31,10 @@ class SomeContacts(WrappedScene):
         return self.scene.force(t, q, v)
 
     def gap(self, t, q):
-        return self.scene.gap(t, q)[self.who]
+        return _picked(self.scene.gap(t, q), self.who)
 
     def restitution(self):
-        return self.scene.restitution()[self.who]
+        return _picked(self.scene.restitution(), self.who)
 
 
 def among_few(
@@ -70,6 +70,12 @@ def _first(wanted: Bool[Array, "contact"]) -> Int[Array, "few"]:
         who.append(jnp.argmin(rank))
         rank = jnp.where(place == who[-1], 2 * count, rank)
     return jnp.stack(who)
+
+
+def _picked(of_all: Float[Array, "contact"], who) -> Float[Array, "few"]:
+    """The entries of a few contacts. By a sum: the transpose of an index is a scatter, and XLA compiles no loop with
+    one in it into one kernel."""
+    return jnp.sum(jnp.where(jnp.arange(of_all.shape[0]) == who[:, None], of_all, 0), axis=1)
 
 
 def _spread(of_few, who, of_all):
