@@ -146,11 +146,11 @@ def _prepared(scene: AbstractScene, running_cost, t0, state: State, mode):
     check_mode(scene, mode)
     scene, running_cost = in_type((scene, running_cost), state.q.dtype)
     in_its_mode, cost_there = in_mode(scene, running_cost, mode)
-    of_one_type = check_shapes(in_its_mode, state, cost_there)
     switching, own = None, ()
     if isinstance(scene, AbstractSwitchedScene):
         count = check_switches(scene, state, mode)
         switching, own = (switch_rules(scene, t0, state, mode), count), (mode,)
+    of_one_type = check_shapes(in_its_mode, state, cost_there)
     lifted, running_cost = lift_closures(in_its_mode, running_cost, t0, state, *own)
     scene, running_cost = in_mode(lifted, running_cost, mode)
     return scene if of_one_type else TypedScene(scene, state.q.dtype), running_cost, switching

@@ -27,6 +27,15 @@ def check_switches(scene: AbstractSwitchedScene, state: State, mode: Any) -> int
     """How many switches there are.
 
     Raises: ValueError or TypeError where the scene's functions do not fit the state or the mode."""
+    try:
+        return _count_switches(scene, state, mode)
+    except Exception as error:
+        if mode is None:
+            error.add_note("No `mode` was given to begin in.")
+        raise
+
+
+def _count_switches(scene: AbstractSwitchedScene, state: State, mode: Any) -> int:
     described = lambda tree: jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree)
     q, v, mode = described((state.q, state.v, mode))
     t, event = jax.ShapeDtypeStruct((), q.dtype), jax.ShapeDtypeStruct((), jnp.asarray(0).dtype)

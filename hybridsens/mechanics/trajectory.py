@@ -19,7 +19,7 @@ from ..export.html import paragraph, preformatted, table
 from ..export.trees import as_text
 from ..outcome import Steps
 from ..status import Status
-from .mode import EventKind
+from .event_table import event_rows, event_table, state_text
 from .scene import State
 
 
@@ -171,8 +171,8 @@ class Trajectory(eqx.Module):
         """What a notebook shows."""
         if isinstance(self.final.q, jax.core.Tracer) or np.ndim(self.events.count) > 0:
             return preformatted(self)
-        header, *rows = _event_rows(self.events)
-        lines = [*self._head(), f"final: {_state(self.final)}"]
+        header, *rows = event_rows(self.events)
+        lines = [*self._head(), f"final: {state_text(self.final)}"]
         return "".join([*map(paragraph, lines), table(header, rows) if rows else ""])
 
     def __str__(self) -> str:
@@ -180,7 +180,7 @@ class Trajectory(eqx.Module):
             return f"Trajectory(traced, final q of shape {self.final.q.shape})"
         if np.ndim(self.events.count) > 0:
             return f"Trajectory(batch of {np.shape(self.events.count)}; index it to see one)"
-        return "\n".join([*self._head(), *_event_table(self.events), f"final: {_state(self.final)}"])
+        return "\n".join([*self._head(), *event_table(self.events), f"final: {state_text(self.final)}"])
 
     def _head(self):
         message = Status[self.status] or "successful"
@@ -196,56 +196,3 @@ class Trajectory(eqx.Module):
 def _padded(times, order, room: int):
     """The times in their order, the last of them again and again."""
     return np.pad(times.ravel()[order], (0, room - times.size), mode="edge")
-
-
-def _event_rows(events: Events):
-    """A header and a row for each event, as texts."""
-    yield ["event", "time", "kind", "contact", "closing speed", "impulse", "state after"]
-    for j in range(int(events.count)):
-        contact, kind = int(events.contact[j]), EventKind(int(events.kind[j])).name.lower()
-        yield [
-            str(j), f"{float(events.time[j]):.9f}", kind, str(contact), f"{float(events.closing_speed[j]):.6g}",
-            f"{_impulse(events, j):.6g}", _state(State(events.after.q[j], events.after.v[j])) + _mode_after(events, j),
-        ]  # fmt: skip
-
-
-def _event_table(events: Events):
-    count = int(events.count)
-    if count == 0:
-        return
-    mode = "" if events.mode is None else "; mode"
-    numbers = f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>7} {'closing speed':>14} {'impulse':>12}"
-    yield f"{numbers}  state{mode} after"
-    shown = list(range(count)) if count <= 20 else [*range(10), None, *range(count - 9, count)]
-    for j in shown:
-        if j is None:
-            yield f"{'...':>5} ({count - 19} more)"
-            continue
-        contact = int(events.contact[j])
-        kind = EventKind(int(events.kind[j])).name.lower()
-        after = _state(State(events.after.q[j], events.after.v[j])) + _mode_after(events, j)
-        yield (
-            f"{j:>5} {float(events.time[j]):>14.9f} {kind:>8} {contact:>7} {float(events.closing_speed[j]):>14.6g} "
-            f"{_impulse(events, j):>12.6g}  {after}{' *' if events.order_matters[j] else ''}"
-        )
-    if np.any(events.order_matters[:count]):
-        yield (
-            "* Contacts that act on each other were met at the same instant. Another order of their impacts has "
-            "another outcome, so derivatives of what follows are one-sided at best."
-        )
-
-
-def _impulse(events: Events, j: int) -> float:
-    """Impulse of the contact that an event is of; 0 at a switch."""
-    return 0.0 if events.kind[j] == EventKind.SWITCH else float(events.impulse[j, int(events.contact[j])])
-
-
-def _mode_after(events: Events, j: int) -> str:
-    if events.mode is None:
-        return ""
-    return f"; {as_text(jax.tree.map(lambda leaf: leaf[j], events.mode))}"
-
-
-def _state(state: State) -> str:
-    with np.printoptions(precision=6, suppress=False):
-        return f"q = {np.asarray(state.q)}, v = {np.asarray(state.v)}"
