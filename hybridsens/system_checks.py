@@ -87,11 +87,11 @@ def _scheduled_count(system: AbstractHybridSystem, x, mode) -> int | None:
     if eqx.filter_eval_shape(system.scheduled_times, x, mode) is None:
         return None
     times = returned_array("scheduled_times", system.scheduled_times, x, mode)
-    if times.ndim != 1 or times.shape[0] == 0:
+    if times.ndim != 1:
         raise ValueError(
             f"`scheduled_times` must return an array of shape (time,) or None, but returns shape {times.shape}."
         )
-    return times.shape[0]
+    return times.shape[0] or None
 
 
 class LiftedSystem(AbstractHybridSystem):
