@@ -164,7 +164,7 @@ def constant_force(guards_of, contacts: int, p, q, v, mode, t1) -> tuple[list[tu
 
 def _fall(value, rate, bend):
     """When value + rate s + bend s^2 / 2 falls through 0: at once where it is below."""
-    if value < -mp.mpf(10) ** -20:
+    if value < -(mp.mpf(10) ** -20):
         return mp.mpf(0)
     if bend == 0:
         return -value / rate if rate < 0 else mp.inf

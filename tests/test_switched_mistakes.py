@@ -9,6 +9,9 @@ import pytest
 from switched_scenes import Cart
 
 import hybridsens as hs
+from hybridsens.mechanics.constant_mass import KnownMass
+from hybridsens.mechanics.switches import CostInMode, InMode, has_switches, in_mode
+from hybridsens.mechanics.typed import TypedScene
 from hybridsens.scenes import BouncingBall
 
 NUMBERS = [jnp.asarray(number) for number in (2.0, 0.3, 0.7, 1.0, 0.8)]
@@ -88,6 +91,17 @@ def test_a_scene_without_switches_traces_nothing_of_them(monkeypatch):
     ball = BouncingBall()
     made = jax.eval_shape(lambda: hs.simulate(ball, ball.initial_state(), t1=1.0))
     assert made.mode is None and made.events.mode is None
+
+
+def test_a_scene_is_put_into_a_mode_within_all_that_is_around_it():
+    """Wrappers around a scene keep their place, and its running cost goes into the mode with it."""
+    wrapped = KnownMass(TypedScene(InMode(Cart(*NUMBERS), jnp.array(True)), jnp.float64), "identity", None)
+    price = CostInMode(lambda scene, t, q, v, mode: jnp.where(mode, scene.push, 0.0), jnp.array(True))
+    assert has_switches(wrapped) and not has_switches(BouncingBall())
+    for mode in (True, False):
+        there, cost = in_mode(wrapped, price, jnp.array(mode))
+        assert isinstance(there, KnownMass) and float(there.force(0.0, START.q, START.v)[0]) == (2.0 if mode else -2.0)
+        assert float(cost(Cart(*NUMBERS), 0.0, START.q, START.v)) == (2.0 if mode else 0.0)
 
 
 def test_a_motion_with_switches_is_told_of_and_saved(tmp_path):

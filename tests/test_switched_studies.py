@@ -53,8 +53,13 @@ def test_naive_methods_say_that_they_know_impacts_alone():
 def test_a_sweep_and_a_batch_of_modes_have_the_values_of_single_motions():
     """Over thresholds by `sweep`, over modes by `jax.vmap`."""
     far = np.array([0.6, 0.65, 0.7])
-    run = lambda scene: hs.simulate(scene, START, True, t1=END, max_events=8)
-    swept = hs.sweep(lambda scene: ((motion := run(scene)).final.q[0], motion), CART, hs.grid(far=far), progress=False)
+
+    def swept_cost(scene):
+        motion = hs.simulate(scene, START, True, t1=END, max_events=8, throw=False)
+        return motion.final.q[0], motion
+
+    swept = hs.sweep(swept_cost, hs.grid(CART, {"far": far}), events=3, progress=False)
+    assert swept["event_kind"].values.tolist() == 3 * [[3, 0, 3]]
     found = [float(exact(*NUMBERS[:2], one, *NUMBERS[3:])) for one in far]
     assert_close(np.ravel(swept["J"]), np.array(found), 1e-8)
     end = jax.vmap(jax.grad(lambda v, mode: hs.simulate(CART, hs.State([0.5], v[None]), mode, t1=0.2).final.q[0]))
