@@ -59,7 +59,7 @@ def test_a_sweep_and_a_batch_of_modes_have_the_values_of_single_motions():
         return motion.final.q[0], motion
 
     swept = hs.sweep(swept_cost, hs.grid(CART, {"far": far}), events=3, progress=False)
-    assert swept["event_kind"].values.tolist() == 3 * [[3, 0, 3]]
+    assert swept["event_kind"].values.tolist() == [[3, 0, -1], [3, 0, 3], [3, 0, 3]]
     found = [float(exact(*NUMBERS[:2], one, *NUMBERS[3:])) for one in far]
     assert_close(np.ravel(swept["J"]), np.array(found), 1e-8)
     end = jax.vmap(jax.grad(lambda v, mode: hs.simulate(CART, hs.State([0.5], v[None]), mode, t1=0.2).final.q[0]))
