@@ -18,6 +18,7 @@ from .mechanics.discontinuities import DiscontinuityWarning
 from .mechanics.lagrangian import LagrangianScene
 from .mechanics.mode import EventKind
 from .mechanics.scene import AbstractScene, State
+from .mechanics.switches import AbstractSwitchedScene
 from .mechanics.trajectory import Events, Trajectory
 from .outcome import SimulationError, Steps
 from .saved import load
@@ -101,6 +102,7 @@ __all__ = [
     "AbstractGradientMethod",
     "AbstractHybridSystem",
     "AbstractScene",
+    "AbstractSwitchedScene",
     "Animation",
     "Comparison",
     "ContinuousCostate",

@@ -13,12 +13,12 @@ from .delays import overflowed
 from .flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .numerics.shapes import Shapes
-from .numerics.tolerances import closeness, time_resolution
 from .search.path import Path
 from .search.stretches import gap_kinds, search_gaps
 from .status import Status
 from .system import AbstractHybridSystem
 from .system_checks import as_written
+from .watch import Seen, Watch
 
 
 class WatchedMode(eqx.Module):
@@ -26,14 +26,8 @@ class WatchedMode(eqx.Module):
 
     given: Any
     """The mode that the user's system speaks of."""
-    armed: Bool[Array, "guard"]
-    """Guards that can fall. The others are below zero, and are watched for when they rise again."""
-    pending: Bool[Array, "guard"]
-    """Guards that a transition has put below zero: they fire at once."""
-    size: Float[Array, "guard"]
-    """Largest value of each guard that events have shown: what its rounding is relative to."""
-    speed: Float[Array, "guard"]
-    """The same of its rate."""
+    watch: Watch
+    """Which guards can fall."""
     expected: Bool[Array, "time"]
     """Scheduled times that are still to come."""
 
@@ -46,11 +40,10 @@ class Origin(NamedTuple):
     """The mode before."""
 
 
-class Seen(NamedTuple):
+class Shown(NamedTuple):
     """What the system shows at one instant."""
 
-    guards: Float[Array, "guard"]
-    rates: Float[Array, "guard"]
+    guards: Seen
     times: Float[Array, "time"]
     """Scheduled times,"""
     times_rates: Float[Array, "time"]
@@ -87,20 +80,18 @@ class FlattenedSystem(AbstractFlatSystem):
         return None if self.running_cost is None else self.running_cost(as_written(self.system), t, x, mode)
 
     def guards(self, t, x, mode: WatchedMode):
-        guards = self._values(t, x, mode.given)
-        return jnp.where(mode.armed, guards, -guards)
+        return mode.watch.signed(self._values(t, x, mode.given))
 
     def guards_and_rates(self, t, x, mode: WatchedMode):
         guards, rates = super().guards_and_rates(t, x, mode)
-        at_once = -jnp.maximum(jnp.abs(rates), mode.speed) - 1  # whatever its rate, a pending guard falls
-        return guards, jnp.where(mode.pending, at_once, rates)
+        return guards, mode.watch.rates(rates)
 
     def _values(self, t, x, given):
         return self.system.guards(t, self.split(x)[0], given).astype(x.dtype)
 
     def scales(self, t, x, mode: WatchedMode):
         """The largest so far of each guard and of its rate."""
-        return mode.size, mode.speed
+        return mode.watch.size, mode.watch.speed
 
     def searches(self, t, x):
         """Whether a guard is curved: what is affine in (t, x) cannot dip unseen. Told from the trace of the guards."""
@@ -112,10 +103,10 @@ class FlattenedSystem(AbstractFlatSystem):
         def search():
             flow0, flow1 = self.flow(step.t0, step.x0, mode), self.flow(step.t1, step.x1, mode)
             path = Path.through(step.t0, step.t1, step.x0, flow0, step.x1, flow1)
-            speed = jnp.maximum(mode.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
+            speed = jnp.maximum(mode.watch.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
             doubt = path.doubt(step.error, step.order) * path.h * speed
             guards = lambda t, x: self.guards(t, x, mode)
-            return search_gaps(guards, path, step, tolerance + doubt, jnp.ones_like(mode.armed), wanted)
+            return search_gaps(guards, path, step, tolerance + doubt, jnp.ones_like(mode.watch.armed), wanted)
 
         none = jnp.full_like(step.t0, jnp.inf)
         return lax.cond(wanted, search, lambda: Searched(none, jnp.ones_like(step.t0)))
@@ -124,32 +115,20 @@ class FlattenedSystem(AbstractFlatSystem):
         """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""
 
         def begin():
-            seen = self._see(t, x, mode.given)
+            shown = self._show(t, x, mode.given)
             starts = event == -1
-            armed = jnp.where(starts, seen.guards >= -time_resolution(t, 1) * jnp.abs(seen.rates), mode.armed)
-            pending = ~starts & armed & (seen.guards < 0)
-            expected = jnp.where(starts, seen.times >= t, mode.expected)
-            watched = self._watched(mode, mode.given, armed, pending, seen, expected)
-            return _decision(watched, Origin(event, mode.given), seen)
+            watch = mode.watch.begin(t, shown.guards, starts)
+            expected = jnp.where(starts, shown.times >= t, mode.expected)
+            return _decision(WatchedMode(mode.given, watch, expected), Origin(event, mode.given), shown)
 
         return lax.cond(event >= 0, lambda: self.decide(event, t, x, mode), begin)
 
-    def _see(self, t, x, given) -> Seen:
+    def _show(self, t, x, given) -> Shown:
         """Guards and scheduled times in a mode, and their rates along its flow."""
-        flow = self.flow(t, x, WatchedMode(given, *self._blank(x.dtype)))
+        flow = self.flow(t, x, self.watched(given, x.dtype))
         look = lambda t, x: (self._values(t, x, given), self._times(x, given))
         (guards, times), rates = jax.jvp(look, (t, x), (jnp.ones_like(t), flow))
-        return Seen(guards, rates[0], times, rates[1])
-
-    def _watched(self, before: WatchedMode, given, armed, pending, seen: Seen, expected) -> WatchedMode:
-        size = jnp.maximum(before.size, jnp.abs(seen.guards))
-        speed = jnp.maximum(before.speed, jnp.abs(seen.rates))
-        return WatchedMode(given, armed, pending, size, speed, expected)
-
-    def _blank(self, dtype):
-        """What is known of guards before anything is."""
-        no, zero = jnp.zeros(self.guard_count, bool), jnp.zeros(self.guard_count, dtype)
-        return no, no, zero, zero, jnp.zeros(self.scheduled_count or 0, bool)
+        return Shown(Seen(guards, rates[0]), times, rates[1])
 
     def _times(self, x, given):
         """Scheduled times, none where the system does not speak of any."""
@@ -167,43 +146,26 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def watched(self, mode, dtype) -> WatchedMode:
         """The mode that a motion begins in; `choose` looks at its guards."""
-        return WatchedMode(mode, *self._blank(dtype))
+        return WatchedMode(mode, Watch.blank(self.guard_count, dtype), jnp.zeros(self.scheduled_count or 0, bool))
 
     def decide(self, event, t, x, mode: WatchedMode) -> Decision:
         """The transition's mode, which guards can fall then, and which scheduled times are to come."""
         origin = Origin(event, mode.given)
         if self.guard_count == 0 and self.scheduled_count is None:
-            return _decision(mode, origin, self._see(t, x, mode.given))
+            return _decision(mode, origin, self._show(t, x, mode.given))
         rises = self.is_silent(event, mode)
         after, given = self._transition(event, t, x, mode.given)
         given = jax.tree.map(lambda new, old: jnp.where(rises, old, new), given, mode.given)
         after = jnp.where(rises, x, after)
-        before, same = self._same_guards(t, x, mode, given)
-        seen = self._see(t, after, given)
-        guards, this = seen.guards, jnp.arange(self.guard_count) == event
-        still = jnp.abs(guards - before) <= closeness(x.dtype) * mode.size
-        falls_on = (seen.rates < -closeness(x.dtype) * mode.speed) | (mode.pending & (guards < 0))
-        passing = this & ~rises & same & still & falls_on
-        # One that was passed at this very instant is on zero still: another event does not make it fall again.
-        waiting = ~this & ~mode.armed & ((guards < 0) | (same & still))
-        armed = ~passing & ~waiting
-        # A guard that is on zero and falling by itself fires too, but at a time of its own.
-        pending = armed & (guards < 0) & (~still | (mode.pending & ~this))
-        came = self.guard_count + jnp.arange(seen.times.shape[0]) == event
-        moved = seen.times != self._times(x, mode.given)  # to a time that has passed: then the event comes at once
-        expected = (mode.expected & ~came) | (seen.times > t) | moved
-        watched = self._watched(mode, given, armed, pending, seen, expected)
-        return _decision(watched, origin, seen, jnp.any(this & mode.pending), rises)
-
-    def _same_guards(self, t, x, mode: WatchedMode, given):
-        """Guards before an event, and which of them mean the same in the mode after: they have the value and the slope
-        that they had. One that was turned round (a threshold without hysteresis) has another slope."""
         flow = self.flow(t, x, mode)
-        seen = lambda given: jax.jvp(lambda t, x: self._values(t, x, given), (t, x), (jnp.ones_like(t), flow))
-        before, slope = seen(mode.given)
-        there, slope_there = lax.cond(_equal(given, mode.given), lambda: (before, slope), lambda: seen(given))
-        near = lambda one, other, size: jnp.abs(one - other) <= closeness(x.dtype) * size
-        return before, near(there, before, mode.size) & near(slope_there, slope, mode.speed)
+        before, same = mode.watch.compare(self._values, (mode.given, given), t, x, flow)
+        shown = self._show(t, after, given)
+        watch = mode.watch.after(event, before, same, shown.guards)
+        came = self.guard_count + jnp.arange(shown.times.shape[0]) == event
+        moved = shown.times != self._times(x, mode.given)  # to a time that has passed: then the event comes at once
+        expected = (mode.expected & ~came) | (shown.times > t) | moved
+        watched = WatchedMode(given, watch, expected)
+        return _decision(watched, origin, shown, mode.watch.fires_at_once(event), rises)
 
     def _transition(self, event, t, x, given):
         state, z = self.split(x)
@@ -222,7 +184,7 @@ class FlattenedSystem(AbstractFlatSystem):
         return max_events + self.guard_count
 
     def is_silent(self, event, mode: WatchedMode):
-        return jnp.any((jnp.arange(self.guard_count) == event) & ~mode.armed)
+        return mode.watch.is_silent(event)
 
     def jump_times(self):
         """Those declared, by the caller or by the system."""
@@ -230,18 +192,13 @@ class FlattenedSystem(AbstractFlatSystem):
 
 
 def _decision(
-    watched: WatchedMode, origin: Origin, seen: Seen, at_once: Array | bool = False, silent: Array | bool = False
+    watched: WatchedMode, origin: Origin, shown: Shown, at_once: Array | bool = False, silent: Array | bool = False
 ) -> Decision:
     """A transition, after which steps may be as long as before."""
-    never = jnp.full((), jnp.inf, watched.size.dtype)
-    moves = jnp.any(watched.expected & (seen.times_rates != 0))
+    never = jnp.full((), jnp.inf, watched.watch.size.dtype)
+    moves = jnp.any(watched.expected & (shown.times_rates != 0))
     status = Status.where(moves, Status.scheduled_time_moves, Status.running)
     status = Status.where(overflowed(watched.given), Status.queue_full, status)
     at_once, silent = jnp.asarray(at_once), jnp.asarray(silent)
     kind = jnp.array(0)
     return Decision(watched, kind, origin, status=status, first_step_bound=never, at_once=at_once, silent=silent)
-
-
-def _equal(one, other) -> Bool[Array, ""]:
-    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
-    return jnp.all(jnp.stack([jnp.array(True), *(jnp.all(a == b) for a, b in pairs)]))

@@ -36,27 +36,30 @@ def _trajectory(dataset) -> Trajectory:
     sampled = "time" in dataset
     array = lambda name: jnp.asarray(dataset[name].values)
     samples = (array("time"), array("q"), array("v")) if sampled else (None, None, None)
-    cost = restored(json.loads(dataset.attrs["cost_structure"]), {str(name): array(name) for name in dataset})
+    tree = lambda name: restored(json.loads(dataset.attrs[f"{name}_structure"]), {str(n): array(n) for n in dataset})
     steps = Steps(*(jnp.asarray(dataset.attrs[f"steps_{name}"]) for name in ("accepted", "rejected")))
     final = State(array("final_q"), array("final_v"))
-    return Trajectory(*samples, final, cost, _events(dataset), array("closed"), _status(dataset.attrs), steps)
+    events, status = _events(dataset, tree("event_mode")), _status(dataset.attrs)
+    return Trajectory(*samples, final, tree("cost"), events, array("closed"), tree("mode"), status, steps)
 
 
-def _events(dataset) -> Events:
+def _events(dataset, mode) -> Events:
     """The rows of the file, with the padding that they had."""
     rows = int(dataset.attrs["max_events"])
 
-    def padded(name: str, filling: float | int = 0):
-        values = dataset[name].values
+    def filled(values, filling: Any = 0):
         return jnp.asarray(
             np.concatenate([values, np.full((rows - len(values), *values.shape[1:]), filling, values.dtype)])
         )
+
+    def padded(name: str, filling: Any = 0):
+        return filled(dataset[name].values, filling)
 
     before, after = (State(padded(f"event_q_{side}"), padded(f"event_v_{side}")) for side in ("before", "after"))
     return Events(
         padded("event_time", np.inf), padded("event_kind", -1), padded("event_contact", -1), before, after,
         padded("impulse"), padded("closing_speed"), padded("order_matters", False),
-        jnp.asarray(dataset.sizes["event"]),
+        jax.tree.map(lambda leaf: filled(np.asarray(leaf)), mode), jnp.asarray(dataset.sizes["event"]),
     )  # fmt: skip
 
 

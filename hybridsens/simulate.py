@@ -20,8 +20,11 @@ from .mechanics.clearance import warn_of_sampled_gaps
 from .mechanics.closures import lift_closures
 from .mechanics.constant_mass import with_known_mass
 from .mechanics.discontinuities import warn_of_discontinuities
-from .mechanics.mode import default_capture_speed, open_mode
+from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
+from .mechanics.switch_rules import check_mode, check_switches, switch_rules
+from .mechanics.switched import SwitchedMode, SwitchedSystem
+from .mechanics.switches import AbstractSwitchedScene, in_mode
 from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Events, Trajectory
 from .mechanics.typed import Fixed, TypedScene, number
@@ -29,6 +32,7 @@ from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
 from .reported import Reported
 from .settings import check_settings, given_numbers, horizon_status, segment_steps
+from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.direction import forward_only, reverse_only
 
@@ -36,6 +40,7 @@ from .validation.direction import forward_only, reverse_only
 def simulate(
     scene: AbstractScene,
     state: State,
+    mode: Any = None,
     *,
     t0: float | Array = 0.0,
     t1: float | Array,
@@ -64,6 +69,7 @@ def simulate(
 
     - `scene`: what moves; its array leaves are the parameters.
     - `state`: initial q (dof,) and v (dof,). Contacts with gap 0 and rate 0 start closed if they are pressed together.
+    - `mode`: initial mode of an `AbstractSwitchedScene`, any PyTree of arrays or numbers; None for other scenes.
     - `t0`, `t1`: horizon [s], t1 > t0.
     - `ts`: sorted times in [t0, t1] at which states are wanted; at an event's time, the state after it.
     - `jump_ts`: times at which a force, a gap or a running cost has a kink or a jump: knots of a control, switching
@@ -71,7 +77,8 @@ def simulate(
       integrated to tolerance, and gradients reach these times. Two that coincide count as one, and a derivative by
       the time goes to the first of them. Default: `scene.jump_times()`, if it has that method.
     - `running_cost`: `running_cost(scene, t, q, v)`, a scalar or a PyTree; its integral comes back as `.cost`. It is
-      integrated as part of the state, under the same error control.
+      integrated as part of the state, under the same error control. That of a scene with switches is given the mode
+      as a fifth argument.
     - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default. Explicit ones are run with
       stages of our own.
     - `rtol`, `atol`: tolerances of the error control per step. Other values do not compile anew.
@@ -97,9 +104,9 @@ def simulate(
     `check_vma=False`.
     """
     again = functools.partial(
-        simulate, scene, state, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver, rtol=rtol,
-        atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step, capture_speed=capture_speed,
-        adjoint=adjoint, throw=throw,
+        simulate, scene, state, mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
+        rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step,
+        capture_speed=capture_speed, adjoint=adjoint, throw=throw,
     )  # fmt: skip
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
     check_settings(max_events, max_steps, solver, adjoint, throw)
@@ -110,14 +117,16 @@ def simulate(
     numbers = numbers if compiling else numbers.as_arrays(state.q.dtype)
     check_mesh(scene, running_cost, state, t0, t1, ts)
     jump_ts = _jump_times(scene, jump_ts, state.q.dtype)
-    scene, running_cost = _prepared(scene, running_cost, t0, state)
+    mode = mode_as_arrays(mode)
+    scene, running_cost, switching = _prepared(scene, running_cost, t0, state, mode)
     adjoint = adjoint or Replay()
     room = max_events, max_steps, segment_steps(adjoint, ts)
     check_room(max_events, room[2] or max_steps, state)
     method = Method(solver or diffrax.Tsit5(), numbers.rtol, numbers.atol, *room, numbers.max_step, adjoint.step_rtol)
     fixed = (numbers.capture_speed, numbers.rtol, numbers.atol)
     cut, *depth = (x if isinstance(x, float) else Fixed.of(x, state.q.dtype) for x in fixed)
-    system = MechanicalSystem(scene, running_cost, cut, state.q.shape[0], (depth[0], depth[1]), jump_ts)
+    contacts = MechanicalSystem(scene, running_cost, cut, state.q.shape[0], (depth[0], depth[1]), jump_ts)
+    system = contacts if switching is None else SwitchedSystem(contacts, *switching, mode)
     forward = isinstance(adjoint, ForwardSensitivities)
     if not forward:
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
@@ -131,31 +140,43 @@ def simulate(
     return trajectory.come_from(again.args[0], again) if known else trajectory
 
 
-def _prepared(scene: AbstractScene, running_cost, t0, state: State):
-    """The scene and the running cost, checked, in the type of the state, with all that they close over as leaves."""
+def _prepared(scene: AbstractScene, running_cost, t0, state: State, mode):
+    """The scene and the running cost, checked, in the type of the state, with all that they close over as leaves; and
+    the rules of its switches and their number, None for a scene without."""
+    check_mode(scene, mode)
     scene, running_cost = in_type((scene, running_cost), state.q.dtype)
-    of_one_type = check_shapes(scene, state, running_cost)
-    scene, running_cost = lift_closures(scene, running_cost, t0, state)
-    return scene if of_one_type else TypedScene(scene, state.q.dtype), running_cost
+    in_its_mode, cost_there = in_mode(scene, running_cost, mode)
+    switching, own = None, ()
+    if isinstance(scene, AbstractSwitchedScene):
+        count = check_switches(scene, state, mode)
+        switching, own = (switch_rules(scene, t0, state, mode), count), (mode,)
+    of_one_type = check_shapes(in_its_mode, state, cost_there)
+    lifted, running_cost = lift_closures(in_its_mode, running_cost, t0, state, *own)
+    scene, running_cost = in_mode(lifted, running_cost, mode)
+    return scene if of_one_type else TypedScene(scene, state.q.dtype), running_cost, switching
 
 
 @eqx.filter_jit
-def _simulate(system: MechanicalSystem, state: State, t0, t1, ts, method: Method, adjoint) -> Trajectory:
+def _simulate(
+    system: MechanicalSystem | SwitchedSystem, state: State, t0, t1, ts, method: Method, adjoint
+) -> Trajectory:
+    contacts = system.contacts if isinstance(system, SwitchedSystem) else system
     if method.max_step is None:
-        warn_of_sampled_gaps(system.scene, t0, state.q)
-    declared = system.jump_ts is not None
-    warn_of_discontinuities(system.scene, t0, state.q, state.v, system.running_cost, declared)
-    system = dataclasses.replace(system, scene=with_known_mass(system.scene, state.q))
+        warn_of_sampled_gaps(contacts.scene, t0, state.q)
+    declared = contacts.jump_ts is not None
+    warn_of_discontinuities(contacts.scene, t0, state.q, state.v, contacts.running_cost, declared)
+    contacts = dataclasses.replace(contacts, scene=with_known_mass(contacts.scene, state.q))
     cost_shape = None
-    if system.running_cost is not None:
-        cost_shape = jax.eval_shape(lambda: system.cost_rate(t0, state.q, state.v))
+    if contacts.running_cost is not None:
+        cost_shape = jax.eval_shape(lambda: contacts.cost_rate(t0, state.q, state.v))
     z = jnp.zeros(sum(leaf.size for leaf in jax.tree.leaves(cost_shape)), state.q.dtype)
     x0 = jnp.concatenate([state.q, state.v, z])
-    mode = open_mode(jax.eval_shape(system.scene.gap, t0, state.q).shape[0], state.q.dtype)
-    status = horizon_status(t0, t1, ts, method, number(system.capture_speed))
+    mode = open_mode(jax.eval_shape(contacts.scene.gap, t0, state.q).shape[0], state.q.dtype)
+    system, mode = system.begin(contacts, mode) if isinstance(system, SwitchedSystem) else (contacts, mode)
+    status = horizon_status(t0, t1, ts, method, number(contacts.capture_speed))
     options = Options(mode, status, method)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
-    return _trajectory(system, ts, reported, cost_shape)
+    return _trajectory(contacts, ts, reported, cost_shape)
 
 
 def _jump_times(scene: AbstractScene, jump_ts, dtype):
@@ -167,19 +188,28 @@ def _jump_times(scene: AbstractScene, jump_ts, dtype):
 
 def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) -> Trajectory:
     happened = jnp.arange(reported.time.shape[0]) < reported.count
+    who, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
+    if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves
+        who = jnp.where(happened & (reported.kind == EventKind.SWITCH), who - closed.shape[0], who)
+        modes = reported.mode_after.own
     q, v, z = system.split(reported.final)
     before, after = (State(*system.split(x)[:2]) for x in (reported.before, reported.after))
     kind = jnp.where(happened, reported.kind, -1)
     impulse, closing_speed = reported.emitted
     order_matters = happened & reported.order_matters
     events = Events(
-        reported.time, kind, reported.guard, before, after, impulse, closing_speed, order_matters, reported.count
+        reported.time, kind, who, before, after, impulse, closing_speed, order_matters, modes, reported.count
     )
     samples = (None, None) if reported.samples is None else system.split(reported.samples)[:2]
     return Trajectory(
-        ts, *samples, State(q, v), _unravel(z, cost_shape), events, reported.mode.active, reported.status,
+        ts, *samples, State(q, v), _unravel(z, cost_shape), events, closed, mode, reported.status,
         Steps(reported.accepted, reported.rejected),
     )  # fmt: skip
+
+
+def _modes(mode: ContactMode | SwitchedMode):
+    """Contacts held closed, and the scene's own mode."""
+    return (mode.contacts.active, mode.own) if isinstance(mode, SwitchedMode) else (mode.active, None)
 
 
 def _unravel(z, cost_shape):

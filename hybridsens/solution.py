@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .export.html import preformatted
+from .export.trees import as_text
 from .outcome import Steps
 from .status import Status
 
@@ -70,14 +71,14 @@ class Solution(eqx.Module):
             return "Solution(traced)"
         if np.ndim(self.events.count) > 0:
             return f"Solution(batch of {np.shape(self.events.count)}; index it to see one)"
-        return "\n".join([*self._head(), *_table(self.events), f"final: {_shown(self.final)}"])
+        return "\n".join([*self._head(), *_table(self.events), f"final: {as_text(self.final)}"])
 
     def _head(self):
         yield f"status: {Status[self.status] or 'successful'}"
         accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:
-            yield f"cost: {_shown(self.cost)}"
+            yield f"cost: {as_text(self.cost)}"
 
 
 MOST_ROWS = 20
@@ -90,7 +91,7 @@ def last_events(solution: Solution, shown: int = 3) -> str:
     if isinstance(events.count, jax.core.Tracer) or np.ndim(events.count) > 0 or int(events.count) == 0:
         return ""
     rows = range(max(0, int(events.count) - shown), int(events.count))
-    mode = lambda j: "" if events.mode is None else f" to mode {_shown(_row(events.mode, j))}"
+    mode = lambda j: "" if events.mode is None else f" to mode {as_text(_row(events.mode, j))}"
     told = "; ".join(f"t = {float(events.time[j]):.9g}, event {int(events.guard[j])}{mode(j)}" for j in rows)
     return f" The last events: {told}."
 
@@ -109,21 +110,6 @@ def _table(events: SolutionEvents):
     for j in shown:
         if j > last + 1:
             yield f"{'...':>5} ({j - last - 1} more)"
-        mode = "" if events.mode is None else f"{_shown(_row(events.mode, j))}; "
-        yield f"{j:>5} {float(events.time[j]):>14.9f} {int(events.guard[j]):>5}  {mode}{_shown(_row(events.after, j))}"
+        mode = "" if events.mode is None else f"{as_text(_row(events.mode, j))}; "
+        yield f"{j:>5} {float(events.time[j]):>14.9f} {int(events.guard[j]):>5}  {mode}{as_text(_row(events.after, j))}"
         last = j
-
-
-def _shown(tree) -> str:
-    with np.printoptions(precision=6, suppress=False, threshold=8, edgeitems=2):
-        return str(jax.tree.map(_Plain, tree))
-
-
-class _Plain:
-    """An array that prints as its numbers."""
-
-    def __init__(self, leaf):
-        self.leaf = np.asarray(leaf)
-
-    def __repr__(self):
-        return str(self.leaf.item() if self.leaf.ndim == 0 else self.leaf)

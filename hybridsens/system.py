@@ -16,7 +16,23 @@ Flow = PyTree[Float[Array, "..."]]
 class AbstractHybridSystem(eqx.Module):
     """x' = flow(t, x, mode) until a guard falls through 0; then (x, mode) = transition(event, t, x, mode).
 
-    The array leaves of the module are the parameters. An event happens where a guard falls from above 0 to 0:
+    Write these three methods; `scheduled_times` and `jump_times` where times are known. A ball that counts its bounces:
+
+        class Ball(hybridsens.AbstractHybridSystem):
+            g: jax.Array                               # array fields are the parameters
+            e: jax.Array
+            def flow(self, t, x, mode):                # x: any PyTree of real arrays; its rate is of x's structure
+                return {"height": x["speed"], "speed": -self.g}
+            def guards(self, t, x, mode):              # one vector, smooth in t and x
+                return x["height"][None]
+            def transition(self, event, t, x, mode):   # mode: any PyTree of arrays; None where there is only one
+                return {"height": x["height"], "speed": -self.e * x["speed"]}, mode + 1
+
+        ball = Ball(jnp.array(9.81), jnp.array(0.8))
+        solution = hybridsens.solve(ball, {"height": 1.0, "speed": 0.0}, 0, t1=1.0)
+
+    All is plain JAX, with `jnp.where` and `jax.lax.switch` in place of `if`. An event happens where a guard falls from
+    above 0 to 0:
 
     - A guard that the motion passes through, because the transition changes neither its value nor its meaning, must
       rise above 0 before it can fall again (a section that is only recorded). So must one that starts below 0.
@@ -45,7 +61,8 @@ class AbstractHybridSystem(eqx.Module):
         A step ends on each of them, and nothing is searched for. They are made from parameters, from the mode, and from
         parts of the state whose flow is 0 (the end of a delay that an earlier event has written there); gradients reach
         them on each of these ways. A time comes once, also where it is t0 or t1. Where an event moves it, it
-        comes again: at once if it has passed. Times before t0 never come. None, the default, for none."""
+        comes again: at once if it has passed. Times before t0 never come. None, the default, or an empty array for
+        none."""
         del x, mode
         return None
 

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .system import AbstractHybridSystem
 from .validation.closures import hides_tracers, method_of
 from .validation.returned import returned_array, returned_leaves
+from .validation.structures import must_be_pair, must_match, outcome
 
 
 def state_as_arrays(x0) -> tuple[Any, Any]:
@@ -61,18 +61,17 @@ def check_system(system: AbstractHybridSystem, running_cost, t, x, mode) -> tupl
     Raises: ValueError or TypeError where the system's functions do not fit the state, the mode or each other."""
     like = lambda tree: jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree)
     t, x, mode = like((t, x, mode))
-    _must_match("flow", "the state", _outcome("flow", system.flow, t, x, mode), x, exact=False)
+    must_match("flow", "the state", outcome("flow", system.flow, t, x, mode), x, exact=False)
     guards = returned_array("guards", system.guards, t, x, mode)
     if guards.ndim != 1:
         raise ValueError(f"`guards` must return an array of shape (guard,), but returns shape {guards.shape}.")
     counts = Counts(guards.shape[0], _scheduled_count(system, x, mode))
     if counts != (0, None):
         event = jax.ShapeDtypeStruct((), jnp.asarray(0).dtype)
-        outcome = _outcome("transition", system.transition, event, t, x, mode)
-        if not isinstance(outcome, tuple) or len(outcome) != 2:
-            raise TypeError(f"`transition` must return (x, mode), but returns {_said(outcome)}.")
-        _must_match("transition", "the state", outcome[0], x, exact=False)
-        _must_match("transition", "the mode", outcome[1], mode, exact=True)
+        after = outcome("transition", system.transition, event, t, x, mode)
+        must_be_pair("transition", after, "(x, mode)")
+        must_match("transition", "the state", after[0], x, exact=False)
+        must_match("transition", "the mode", after[1], mode, exact=True)
     if running_cost is None:
         return counts, None
     if not callable(running_cost):
@@ -88,52 +87,11 @@ def _scheduled_count(system: AbstractHybridSystem, x, mode) -> int | None:
     if eqx.filter_eval_shape(system.scheduled_times, x, mode) is None:
         return None
     times = returned_array("scheduled_times", system.scheduled_times, x, mode)
-    if times.ndim != 1 or times.shape[0] == 0:
+    if times.ndim != 1:
         raise ValueError(
             f"`scheduled_times` must return an array of shape (time,) or None, but returns shape {times.shape}."
         )
-    return times.shape[0]
-
-
-def _outcome(name: str, function: Callable, *arguments):
-    """What a function returns, with its arrays described."""
-    try:
-        return eqx.filter_eval_shape(function, *arguments)
-    except jax.errors.JAXTypeError as error:
-        reason = str(error).split("\n")[0]
-        raise TypeError(
-            f"`{name}` must be a function that JAX can trace, but is not: {reason} Use jax.numpy in place of NumPy and "
-            "math, and jnp.where or jax.lax.cond in place of `if`."
-        ) from error
-    except Exception as error:
-        error.add_note(f"Raised by `{name}` of the system.")
-        raise
-
-
-def _must_match(name: str, what: str, found, wanted, exact: bool) -> None:
-    """Raise where structure, shapes or (if `exact`) types differ."""
-    if jax.tree.structure(found) != jax.tree.structure(wanted):
-        raise ValueError(
-            f"`{name}` must return {what} as a PyTree of the structure {jax.tree.structure(wanted)}, but returns "
-            f"{jax.tree.structure(found)}."
-        )
-    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
-        one_type, shape = _dtype(one), np.shape(one)
-        if shape != other.shape or (exact and one_type != other.dtype):
-            raise ValueError(
-                f"`{name}` must return {what} with leaves of the shapes and types before, but returns "
-                f"{one_type}{list(shape)} in place of {other.dtype}{list(other.shape)}."
-            )
-        if not exact and not jnp.issubdtype(one_type, jnp.floating):
-            raise TypeError(f"`{name}` must return {what} in real numbers, but returns {one_type}.")
-
-
-def _dtype(leaf):
-    return leaf.dtype if hasattr(leaf, "dtype") else jnp.asarray(leaf).dtype
-
-
-def _said(outcome) -> str:
-    return f"{len(outcome)} things" if isinstance(outcome, tuple) else type(outcome).__name__
+    return times.shape[0] or None
 
 
 class LiftedSystem(AbstractHybridSystem):

@@ -9,7 +9,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "hybridsens"
 METHOD = {"forward", "adjoint", "reported", "passes", "differentiable"}
-FRONT = {"delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings"}
+FRONT = {
+    "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch"
+}  # fmt: skip
 BASE = {"validation", "numerics", "status"}
 TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters"}
 CORE = BASE | METHOD | FRONT | TOOLS | {"xla", "flat_system", "interval", "search", "mechanics"}
@@ -28,12 +30,13 @@ MAY_IMPORT = {
     "passes": {"flat_system", "forward", "adjoint", "reported", "status"},
     "differentiable": {"passes", "reported", "adjoint", "validation", "xla"},
     "export": {"status"},
-    "mechanics": {"flat_system", "interval", "search", "outcome", "export"} | BASE,
+    "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch"} | BASE,
+    "watch": {"numerics"},
     "saved": {"export", "mechanics", "outcome", "status"},
     "system": set(),
     "system_checks": {"system"} | BASE,
     "delays": set(),
-    "flattened": {"delays", "status", "system", "system_checks", "flat_system", "numerics", "interval", "search"},
+    "flattened": {"delays", "watch", "system", "system_checks", "flat_system", "interval", "search"} | BASE,
     "solution": {"outcome", "status", "export"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status"},

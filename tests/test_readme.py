@@ -1,11 +1,14 @@
 """What the README shows is run."""
 
+import inspect
 import re
+import textwrap
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import hybridsens
 
@@ -61,16 +64,35 @@ def test_the_neuron_has_the_closed_form_gradient(capsys):
 
 
 def test_the_systems_of_the_docs_print_their_closed_forms(monkeypatch, capsys):
-    """A thermostat switches on at log(10 / (low - 10)) / 0.3, low = 18; of a dose exp(-0.2 (24 - t)) is left."""
+    """A thermostat switches on at log(10 / (low - 10)) / 0.3, low = 18; of a dose exp(-0.2 (24 - t)) is left; a cart
+    goes to `far` and on to the wall under constant forces."""
     monkeypatch.setattr(hybridsens, "configure", lambda: None)
     names: dict = {}
+    found, printed = [], []
     for code in _blocks("docs/hybrid_systems.md"):
         exec(code, names)
-    words = re.sub(r"[\[\]]", " ", capsys.readouterr().out).split()
+        printed += capsys.readouterr().out.splitlines()
+        found += [float(word) for word in re.sub(r"[\[\]]", " ", printed[-1]).split()]
     left = 5 * np.exp(-0.2 * (24 - np.array([0.0, 8.0, 16.0])))
-    np.testing.assert_allclose(
-        [float(word) for word in words[-5:]], [-1 / (0.3 * 8), left.sum(), *0.2 * left], rtol=1e-6
-    )
+
+    def wall(far):
+        speed = jnp.sqrt(4.0 * (far - 0.5))
+        return speed / 2.0 + (speed - jnp.sqrt(speed**2 - 4.0 * (1.0 - far))) / 2.0
+
+    np.testing.assert_allclose(found, [-1 / (0.3 * 8), left.sum(), *0.2 * left, jax.grad(wall)(0.85)], rtol=1e-6)
+    shown = re.findall(r"```text\n(.*?)```", (ROOT / "docs/hybrid_systems.md").read_text(), re.DOTALL)
+    assert [line for block in shown for line in block.splitlines() if line not in printed] == []
+
+
+@pytest.mark.slow
+def test_the_example_of_a_hybrid_system_is_a_ball():
+    """What `help(AbstractHybridSystem)` shows runs: the ball falls for sqrt(2 / g), and is thrown up with 0.8 of it."""
+    lines = inspect.cleandoc(hybridsens.AbstractHybridSystem.__doc__ or "").splitlines()
+    names = {"jax": jax, "jnp": jnp, "hybridsens": hybridsens}
+    exec(textwrap.dedent("\n".join(line for line in lines if line.startswith("    "))), names)
+    events, fall = names["solution"].events, np.sqrt(2 / 9.81)
+    np.testing.assert_allclose([events.time[0], events.after["speed"][0]], [fall, 0.8 * 9.81 * fall], rtol=1e-9)
+    assert int(names["solution"].mode) == 1
 
 
 def test_the_sweep_of_the_docs_finishes_its_grid(monkeypatch, tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 from ..adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
 from ..export.html import preformatted
 from ..mechanics.scene import AbstractScene
+from ..mechanics.switches import has_switches
 from ..parameters import FlatParameters, flatten_parameters
 from .check_causes import Cause, find_causes
 from .check_events import EventCheck, check_events
@@ -108,7 +109,8 @@ def check_gradient(
     ):
         entry = ParameterCheck(name, by_adjoint, by_forward, by_differences, uncertainty, known, "")
         checks.append(entry._replace(verdict=_verdict(entry, limit)))
-    mechanical = [(number, call) for number, call in enumerate(calls) if isinstance(call.scene, AbstractScene)]
+    knows_contacts = lambda call: isinstance(call.scene, AbstractScene) and not has_switches(call.scene)
+    mechanical = [(number, call) for number, call in enumerate(calls) if knows_contacts(call)]
     events = [check for number, call in mechanical for check in check_events(number, call, tolerance, settings)]
     off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, settings, counts))
     return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, settings))

@@ -89,8 +89,10 @@ def _look(call: Call, settings):
     """Times, and the gaps and their rates there."""
     ts = jnp.linspace(call.t0, call.t1, SAMPLES).at[-1].set(call.t1)
 
+    horizon = dict(t0=call.t0, t1=call.t1, jump_ts=call.jump_ts)
+
     def look(scene, state, ts):
-        motion = simulate(scene, state, t0=call.t0, t1=call.t1, ts=ts, jump_ts=call.jump_ts, throw=False, **settings)
+        motion = simulate(scene, state, *call.mode, **horizon, ts=ts, throw=False, **settings)
         return jax.vmap(lambda t, q, v: gap_and_rate(scene, t, q, v))(ts, motion.q, motion.v)
 
     gaps, rates = eqx.filter_jit(look)(call.scene, call.state, ts)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..mechanics.discontinuities import scene_breaks
 from ..mechanics.scene import AbstractScene
+from ..mechanics.switches import in_mode
 from ..mechanics.trajectory import Events
 from ..parameters import FlatParameters
 from ..status import Status
@@ -43,6 +44,8 @@ class Call(NamedTuple):
     jump_ts: Float[Array, "jump"] | None
     """Times of jumps that were declared in the call."""
     breaks: tuple[BreakFound, ...]
+    mode: tuple[Any, ...] = ()
+    """The initial mode, if one was given."""
 
 
 def value_with_calls(parameters: FlatParameters, cost: Cost, settings) -> Callable:
@@ -56,8 +59,8 @@ def value_with_calls(parameters: FlatParameters, cost: Cost, settings) -> Callab
             motion = move(scene, state, *mode, **horizon, throw=False, **(settings | asked))
             ts, jump_ts = (None if times is None else jnp.asarray(times) for times in (ts, jump_ts))
             t0, t1 = jnp.asarray(t0), jnp.asarray(t1)
-            breaks = _undeclared_breaks(scene, state, t0, jump_ts, asked.get("running_cost"))
-            calls.append(Call(scene, state, t0, t1, motion.events, motion.status, ts, jump_ts, breaks))
+            breaks = _undeclared_breaks(scene, state, mode, t0, jump_ts, asked.get("running_cost"))
+            calls.append(Call(scene, state, t0, t1, motion.events, motion.status, ts, jump_ts, breaks, mode))
             return motion
 
         return cost(parameters.rebuild(vector), recording), tuple(calls)
@@ -84,10 +87,11 @@ def _which(call: Call) -> tuple:
     return (events.kind, events.contact) if isinstance(events, Events) else (events.guard,)
 
 
-def _undeclared_breaks(scene, state, t0, jump_ts, running_cost) -> tuple[BreakFound, ...]:
+def _undeclared_breaks(scene, state, mode, t0, jump_ts, running_cost) -> tuple[BreakFound, ...]:
     if not isinstance(scene, AbstractScene):
         return ()
     declared = jump_ts is not None or hasattr(scene, "jump_times")
+    scene, running_cost = in_mode(scene, running_cost, *(mode or (None,)))
     found = scene_breaks(scene, t0, state.q, state.v, running_cost)
     listed = {
         BreakFound(name, b.operation, "".join(i for i in "tqv" if i in b.inputs), b.jump)

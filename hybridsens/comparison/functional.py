@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
 from ..outcome import SimulationError
 from ..parameters import FlatParameters
@@ -36,7 +37,7 @@ def running_cost_functional(scene, simulate):
 def ready_made_motion(scene, simulate, **settings):
     """The motion of a ready-made scene or system, with its running cost; `settings` replace its own."""
     start = (scene.initial_state(),)
-    if isinstance(scene, ShippedSystem):
+    if isinstance(scene, ShippedSystem) or has_switches(scene):
         start = (*start, scene.initial_mode())
     running_cost = lambda scene, *instant: scene.running_cost(*instant)
     return simulate(scene, *start, **(dict(t1=scene.t1, running_cost=running_cost) | settings))

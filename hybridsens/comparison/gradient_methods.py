@@ -13,6 +13,7 @@ from ..adjoint.methods import (
     ForwardSensitivities,
     Replay,
 )
+from ..mechanics.switches import has_switches
 from .baselines import (
     constant_event_time,
     events_at_root,
@@ -91,10 +92,18 @@ def naive_methods_of_systems(steps: int) -> list[GradientMethod]:
 def naive_methods(tolerance: float, steps: int, room: int) -> list[GradientMethod]:
     """What one would write for a mechanical scene. `steps`: of fixed size; `room`: for events in a chain of solves."""
     chain = dict(tolerance=tolerance, max_events=room)
-    return [
+    rows = [
         GradientMethod("autodiff, events with root finder", partial(events_at_root, **chain), "reverse"),
         GradientMethod("autodiff, events at step ends", partial(events_at_step_end, **chain), "reverse"),
         GradientMethod("autodiff, event times constant", partial(constant_event_time, **chain), "reverse"),
         GradientMethod("autodiff, `where` reset", partial(where_reset, steps=steps), "reverse"),
         GradientMethod("autodiff, penalty contact", partial(penalty_contact, steps=steps), "reverse"),
     ]
+    return [row._replace(simulate=partial(_of_contacts, row.simulate)) for row in rows]
+
+
+def _of_contacts(run: Callable[..., Any], scene: Any, state: Any, *mode: Any, **settings: Any) -> Any:
+    """A motion by a method that knows no other events. Raises: NotImplementedError for a scene with switches."""
+    if has_switches(scene) or mode:
+        raise NotImplementedError("this method knows impacts alone, but the scene has switches of its own")
+    return run(scene, state, **settings)

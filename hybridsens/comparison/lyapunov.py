@@ -43,18 +43,18 @@ def lyapunov(
     itself, motion and gradient are those of another initial state. Divide `rtol` and `atol` by `growth`, or shorten the
     horizon. The units of the entries are mixed in the singular value, so compare growths of one scene.
 
-    Arguments: a scene and its `State`, or a hybrid system, its x0 and its mode; the `settings` of `simulate` or `solve`
+    Arguments: a scene and its `State`, or a hybrid system and its x0; the mode of a system or of a scene with
+    switches; the `settings` of `simulate` or `solve`
     but `adjoint` and `running_cost`. Raises what these raise.
     """
     refused = {"adjoint", "running_cost"} & settings.keys()
     if refused:
         raise TypeError(f"`lyapunov` must be called without {sorted(refused)}.")
-    modes = (mode,) if isinstance(scene, AbstractHybridSystem) else ()
     start, unravel = ravel_pytree(state)
 
     def final(x):
         method = ForwardSensitivities()
-        trajectory = move(scene, unravel(x), *modes, t0=t0, t1=t1, adjoint=method, **settings)
+        trajectory = move(scene, unravel(x), mode, t0=t0, t1=t1, adjoint=method, **settings)
         return ravel_pytree(trajectory.final)[0], trajectory
 
     matrix, trajectory = jax.jacfwd(final, has_aux=True)(start)

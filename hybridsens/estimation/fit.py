@@ -78,8 +78,9 @@ def fit(
     - `observe`: `observe(scene, t, q, v)` or `observe(system, t, x)` -> (observation,), or a mapping of column names to
       scalars; default: columns are named after the state, q0, v0, ..., or after the leaves of x.
     - `state`: initial state, or a function of the scene that returns it; default `scene.initial_state()`.
-    - `mode`: initial mode of a hybrid system, or a function of it; default `system.initial_mode()`, or None. Measured
-      event times are those of its events, and `event_contacts` says which of them.
+    - `mode`: initial mode of a hybrid system or of a scene with switches, or a function of it; default its
+      `initial_mode()`, or None. Measured event times are those of a system's events, or of a scene's impacts, and
+      `event_contacts` says which of them.
     - `bounds`: name -> "positive" or (lo, hi), None for an open end; kept by a transformation of the parameter.
     - `priors`: name -> (mean, sigma).
     - `robust`: residuals beyond so many sigmas count linearly, for data with outliers and with sigmas; None: all count

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from ..adjoint.methods import AbstractGradientMethod
 from ..mechanics.mode import EventKind
 from ..mechanics.scene import State
+from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
 from ..parameters import flatten_parameters
 from ..simulate import simulate
@@ -41,11 +42,11 @@ class Start(eqx.Module):
     state: Callable[..., Any]
     """state(scene) -> State, or x0 of a system."""
     mode: Any = None
-    """Initial mode of a system, or a function of the system."""
+    """Initial mode of a system or of a scene with switches, or a function of it."""
 
     def of(self, scene) -> tuple:
         """What `simulate` or `solve` is given after the scene."""
-        if not isinstance(scene, AbstractHybridSystem):
+        if not (isinstance(scene, AbstractHybridSystem) or has_switches(scene)):
             return (self.state(scene),)
         return self.state(scene), self.mode(scene) if callable(self.mode) else self.mode
 
@@ -85,7 +86,7 @@ def event_rows(motion: Trajectory | Solution) -> EventRows:
 
 
 def strikes(kind: Int[Array, "event"]):
-    """Events whose times can be measured: everything but a release, which nobody hears."""
+    """Events whose times can be measured: impacts, which are heard, and the events of a system."""
     return (kind == EventKind.IMPACT) | (kind == EventKind.CAPTURE) | (kind == FALL)
 
 

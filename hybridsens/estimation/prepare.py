@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..mechanics.scene import State
+from ..mechanics.switches import has_switches
 from ..system import AbstractHybridSystem
 from ..validation.spelling import did_you_mean
 from .data import Measurements
@@ -160,8 +161,8 @@ def beginning(scene, state: Any, mode: Any) -> Start:
     general = isinstance(scene, AbstractHybridSystem)
     if not (general or callable(state) or isinstance(state, State)):
         raise TypeError(f"`state` must be a State, a function of the scene, or None, but is {type(state).__name__}.")
-    if mode is not None and not general:
-        raise TypeError("`mode` must be left out for a mechanical scene, whose contacts choose their own.")
+    if mode is not None and not (general or has_switches(scene)):
+        raise TypeError("`mode` must be left out for a scene without switches, whose contacts choose their own.")
     if mode is None and hasattr(scene, "initial_mode"):
         mode = _own_initial_mode
     return Start(state if callable(state) else _Fixed(concrete(state)), mode)

@@ -34,12 +34,15 @@ def events_frame(events: Any, scene: Any):
     n = int(events.count)
     contact = np.asarray(events.contact[:n])
     names = contact_names(scene, events.impulse.shape[1])
+    kind, switched = np.asarray(events.kind[:n]), np.asarray(events.kind[:n]) == KINDS.split().index("switch")
+    of_contact = np.where(switched, 0, contact)
+    impulse = np.asarray(events.impulse[:n])
     columns: dict[str, Any] = {
         "time [s]": np.asarray(events.time[:n]),
-        "kind": np.array(KINDS.split())[np.asarray(events.kind[:n])] if n else np.array([], str),
-        "contact": np.array(names)[contact] if n else np.array([], str),
+        "kind": np.array(KINDS.split())[kind] if n else np.array([], str),
+        "contact": np.array([str(i) if s else names[i] for i, s in zip(contact, switched, strict=True)], str),
         "closing speed [m/s]": np.asarray(events.closing_speed[:n]),
-        "impulse [N s]": np.asarray(events.impulse[:n])[np.arange(n), contact],
+        "impulse [N s]": np.where(switched, 0.0, impulse[np.arange(n), of_contact] if impulse.shape[1] else 0.0),
     }
     q_names, v_names = coordinate_names(scene, events.before.q.shape[1])
     sides = ((q_names, events.before.q, ""), (v_names, events.before.v, " before"), (v_names, events.after.v, " after"))

@@ -44,6 +44,22 @@ def restored(outline: Any, arrays: Mapping[str, Any]) -> Any:
     return {"list": list, "tuple": tuple}[kind](restored(entry, arrays) for entry in entries)
 
 
+def as_text(tree: Any) -> str:
+    """The tree as a text in which arrays are their numbers."""
+    with np.printoptions(precision=6, suppress=False, threshold=8, edgeitems=2):
+        return str(jax.tree.map(_Plain, tree))
+
+
+class _Plain:
+    """An array that prints as its numbers."""
+
+    def __init__(self, leaf):
+        self.leaf = np.asarray(leaf)
+
+    def __repr__(self):
+        return str(self.leaf.item() if self.leaf.ndim == 0 else self.leaf)
+
+
 def _key(entry) -> Any:
     """What stands in brackets or behind a dot at one turn of the way to a leaf."""
     return next(getattr(entry, name) for name in ("key", "idx", "name") if hasattr(entry, name))

@@ -16,6 +16,7 @@ from .contact import gap_and_rate
 from .mass import ConstantMass, is_positive_definite, mass_entries
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene, State
+from .typed import as_written
 
 
 def check_shapes(scene: AbstractScene, state: State, running_cost) -> bool:
@@ -49,7 +50,7 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> bool:
         _must_be("force", returned_array("force", scene.force, t, q, v), (dof,)),
         _must_be("restitution", returned_array("restitution", scene.restitution), gap.shape),
     ]
-    if running_cost is not None and not returned_leaves("running_cost", running_cost, scene, t, q, v):
+    if running_cost is not None and not returned_leaves("running_cost", running_cost, as_written(scene), t, q, v):
         raise TypeError("`running_cost` must return real numbers, but returns nothing.")
     return all(function.dtype == q.dtype for function in [gap, *returned])
 

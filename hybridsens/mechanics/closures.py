@@ -12,7 +12,7 @@ import equinox as eqx
 
 from ..validation.closures import hides_tracers, method_of
 from .scene import AbstractScene, State
-from .typed import WrappedScene, retyped
+from .typed import WrappedScene, as_written, retyped
 
 
 class LiftedScene(WrappedScene):
@@ -33,24 +33,27 @@ class LiftedScene(WrappedScene):
         return self.lifted["restitution"](self.scene)
 
 
-def lift_closures(scene: AbstractScene, running_cost: Callable | None, t, state: State):
-    """The scene and the running cost, with every traced value that they close over turned into a leaf."""
+def lift_closures(scene: AbstractScene, running_cost: Callable | None, t, state: State, *mode):
+    """The scene and the running cost, with every traced value that they close over turned into a leaf.
+
+    The running cost is one of (scene as written, t, q, v, *mode)."""
     q, v = state.q, state.v
+    instant = (as_written(scene), t, q, v, *mode)
     calls: dict[str, tuple[Callable, tuple[Any, ...]]] = {
         "mass_matrix": (method_of("mass_matrix"), (scene, q)),
         "force": (method_of("force"), (scene, t, q, v)),
         "gap": (method_of("gap"), (scene, t, q)),
         "restitution": (method_of("restitution"), (scene,)),
     }
-    if running_cost is not None and hides_tracers(running_cost, (scene, t, q, v)):
+    if running_cost is not None and hides_tracers(running_cost, instant):
         given_cost = running_cost
         call = lambda *given: given_cost(*given)  # Equinox leaves a function without a closure as it is
-        running_cost = _lifted(call, (scene, t, q, v), q.dtype)
+        running_cost = lifted(call, instant, q.dtype)
     if any(hides_tracers(*call) for call in calls.values()):
-        scene = LiftedScene(scene, {name: _lifted(*call, q.dtype) for name, call in calls.items()})
+        scene = LiftedScene(scene, {name: lifted(*call, q.dtype) for name, call in calls.items()})
     return scene, running_cost
 
 
-def _lifted(function: Callable, arguments, dtype) -> Callable:
+def lifted(function: Callable, arguments, dtype) -> Callable:
     """The function with all that it closes over as leaves, in the type of the state."""
     return retyped(eqx.filter_closure_convert(function, *arguments), dtype)

@@ -18,7 +18,7 @@ class DiscontinuityWarning(UserWarning):
 REMEDIES = {
     "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the scene.",
     "gap": "For a minimum of gaps write one gap for each, and round off the corner of a maximum.",
-    "state": "For a jump in q or v make it an event: a contact, or a hybrid system with a guard there.",
+    "state": "For a jump in q or v make it an event: a contact, or a switch of an `AbstractSwitchedScene`.",
 }
 SILENCE = (
     "If it does no harm, set `known_discontinuities = True` in the scene, or ignore `hybridsens.DiscontinuityWarning` "

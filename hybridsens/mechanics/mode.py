@@ -18,6 +18,8 @@ class EventKind(enum.IntEnum):
     """A gap closed and the contact stays closed."""
     RELEASE = 2
     """The multiplier of a closed contact fell through zero and the contact opens."""
+    SWITCH = 3
+    """One of the scene's own switches fell through zero."""
 
 
 class ContactMode(eqx.Module):

@@ -38,7 +38,7 @@ class ImpactReport(NamedTuple):
     impulse: Float[Array, "contact"]
     """Impulses P of all contacts [N s]."""
     closing_speed: Float[Array, ""]
-    """-Phi' of the contact that was met, just before; 0 at a release [m/s]."""
+    """-Phi' of the contact that was met, just before; 0 at other events [m/s]."""
 
 
 class MechanicalSystem(AbstractFlatSystem):

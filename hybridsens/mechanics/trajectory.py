@@ -13,12 +13,13 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..export.dataset import motion_dataset, must_be_one, with_cost_structure
+from ..export.dataset import motion_dataset, must_be_one, with_structures
 from ..export.frames import events_frame, samples_frame
 from ..export.html import paragraph, preformatted, table
+from ..export.trees import as_text
 from ..outcome import Steps
 from ..status import Status
-from .mode import EventKind
+from .event_table import event_rows, event_table, state_text
 from .scene import State
 
 
@@ -29,21 +30,23 @@ class Events(eqx.Module):
     time: Float[Array, "*batch event"]
     """When [s]."""
     kind: Int[Array, "*batch event"]
-    """An `EventKind`: impact 0, capture 1, release 2; -1 in padding."""
+    """An `EventKind`: impact 0, capture 1, release 2, switch 3; -1 in padding."""
     contact: Int[Array, "*batch event"]
-    """Which gap closed or opened; -1 in padding."""
+    """Which gap closed or opened, or which of the scene's switches fell; -1 in padding."""
     before: State
     """States just before, (event, dof)."""
     after: State
     """States just after, (event, dof)."""
     impulse: Float[Array, "*batch event contact"]
-    """Impulses of all contacts that took part [N s]; zero at a release. Where several contacts settle together at the
-    end of a cascade, single ones may be negative, by 1e-5 of the largest of the cascade."""
+    """Impulses of all contacts that took part [N s]; zero at a release and at a switch. Where several contacts settle
+    together at the end of a cascade, single ones may be negative, by 1e-5 of the largest of the cascade."""
     closing_speed: Float[Array, "*batch event"]
-    """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at a release [m/s]."""
+    """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at other events [m/s]."""
     order_matters: Bool[Array, "*batch event"]
     """Whether contacts that act on each other were met at one instant, so that another order of their impacts has
     another outcome: derivatives of what follows are one-sided at best."""
+    mode: Any
+    """Modes of a scene with switches just after, of the mode's structure with a leading axis (event,); else None."""
     count: Int[Array, "*batch"]
     """How many events there were."""
 
@@ -76,8 +79,10 @@ class Trajectory(eqx.Module):
     cost: Any
     """Integral of the running cost, with its structure; None without one."""
     events: Events
-    mode: Bool[Array, "*batch contact"]
+    closed: Bool[Array, "*batch contact"]
     """Contacts held closed at the end."""
+    mode: Any
+    """Mode of a scene with switches at the end; None for others."""
     status: Status
     """`Status.successful`, or what went wrong."""
     steps: Steps
@@ -107,12 +112,15 @@ class Trajectory(eqx.Module):
         assert self.ts is not None and self.q is not None and self.v is not None
         t1 = again.keywords["t1"]
 
-        def value(state, t):
-            return cost(again.func(again.args[0], state, **{**again.keywords, "t0": t, "throw": "nan"}))
+        def value(state, t, mode):
+            return cost(again.func(again.args[0], state, mode, **{**again.keywords, "t0": t, "throw": "nan"}))
 
         inside = np.asarray(self.ts) < t1
         before_end = jnp.where(inside, self.ts, self.ts[0])
-        found = jax.jit(jax.vmap(jax.grad(value)))(State(self.q, self.v), before_end)
+        past = np.searchsorted(self.events.time[: int(self.events.count)], self.ts, side="right")
+        modes = lambda first, later: jnp.concatenate([jnp.asarray(first)[None], later])[past]
+        mode = jax.tree.map(modes, again.args[2], self.events.mode)
+        found = jax.jit(jax.vmap(jax.grad(value)))(State(self.q, self.v), before_end, mode)
         return jax.tree.map(lambda leaf: jnp.where(inside[:, None], leaf, jnp.nan), found)
 
     def to_xarray(self):
@@ -131,9 +139,9 @@ class Trajectory(eqx.Module):
     def save(self, path: str | Path) -> None:
         """Write all of the motion to a netCDF file, from which `hybridsens.load` makes the same trajectory.
 
-        Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a cost that is made of
-        more than dict, list, tuple and arrays."""
-        with_cost_structure(self.to_xarray(), self.cost).to_netcdf(path, engine="netcdf4")
+        Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a cost or a mode that
+        is made of more than dict, list, tuple and arrays."""
+        with_structures(self.to_xarray(), self).to_netcdf(path, engine="netcdf4")
 
     def come_from(self, scene: Any, again: functools.partial) -> "Trajectory":
         """This motion, which now knows what it came from.
@@ -163,8 +171,8 @@ class Trajectory(eqx.Module):
         """What a notebook shows."""
         if isinstance(self.final.q, jax.core.Tracer) or np.ndim(self.events.count) > 0:
             return preformatted(self)
-        header, *rows = _event_rows(self.events)
-        lines = [*self._head(), f"final: {_state(self.final)}"]
+        header, *rows = event_rows(self.events)
+        lines = [*self._head(), f"final: {state_text(self.final)}"]
         return "".join([*map(paragraph, lines), table(header, rows) if rows else ""])
 
     def __str__(self) -> str:
@@ -172,7 +180,7 @@ class Trajectory(eqx.Module):
             return f"Trajectory(traced, final q of shape {self.final.q.shape})"
         if np.ndim(self.events.count) > 0:
             return f"Trajectory(batch of {np.shape(self.events.count)}; index it to see one)"
-        return "\n".join([*self._head(), *_event_table(self.events), f"final: {_state(self.final)}"])
+        return "\n".join([*self._head(), *event_table(self.events), f"final: {state_text(self.final)}"])
 
     def _head(self):
         message = Status[self.status] or "successful"
@@ -181,48 +189,10 @@ class Trajectory(eqx.Module):
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:
             yield f"cost: {self.cost}"
+        if self.mode is not None:
+            yield f"mode: {as_text(self.mode)}"
 
 
 def _padded(times, order, room: int):
     """The times in their order, the last of them again and again."""
     return np.pad(times.ravel()[order], (0, room - times.size), mode="edge")
-
-
-def _event_rows(events: Events):
-    """A header and a row for each event, as texts."""
-    yield ["event", "time", "kind", "contact", "closing speed", "impulse", "state after"]
-    for j in range(int(events.count)):
-        contact, kind = int(events.contact[j]), EventKind(int(events.kind[j])).name.lower()
-        yield [
-            str(j), f"{float(events.time[j]):.9f}", kind, str(contact), f"{float(events.closing_speed[j]):.6g}",
-            f"{float(events.impulse[j, contact]):.6g}", _state(State(events.after.q[j], events.after.v[j])),
-        ]  # fmt: skip
-
-
-def _event_table(events: Events):
-    count = int(events.count)
-    if count == 0:
-        return
-    yield f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>7} {'closing speed':>14} {'impulse':>12}  state after"
-    shown = list(range(count)) if count <= 20 else [*range(10), None, *range(count - 9, count)]
-    for j in shown:
-        if j is None:
-            yield f"{'...':>5} ({count - 19} more)"
-            continue
-        contact = int(events.contact[j])
-        kind = EventKind(int(events.kind[j])).name.lower()
-        after = _state(State(events.after.q[j], events.after.v[j]))
-        yield (
-            f"{j:>5} {float(events.time[j]):>14.9f} {kind:>8} {contact:>7} {float(events.closing_speed[j]):>14.6g} "
-            f"{float(events.impulse[j, contact]):>12.6g}  {after}{' *' if events.order_matters[j] else ''}"
-        )
-    if np.any(events.order_matters[:count]):
-        yield (
-            "* Contacts that act on each other were met at the same instant. Another order of their impacts has "
-            "another outcome, so derivatives of what follows are one-sided at best."
-        )
-
-
-def _state(state: State) -> str:
-    with np.printoptions(precision=6, suppress=False):
-        return f"q = {np.asarray(state.q)}, v = {np.asarray(state.v)}"

@@ -9,6 +9,7 @@ from ..export.names import contact_names
 from ..mechanics.flow import multipliers
 from ..mechanics.mode import closeness
 from ..mechanics.scene import AbstractScene
+from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
 from .figure import LINES, must_be_sampled, new_figure
 from .motion import with_events
@@ -19,9 +20,11 @@ def contact_forces(scene: AbstractScene, trajectory: Trajectory):
     M v' = F + G lambda [N] where the contact is held closed, 0 where it is open.
 
     Arguments: the scene that moved, and its trajectory with samples. Raises: ValueError without samples, or for a
-    batch.
+    batch; NotImplementedError for a scene with switches.
     """
     must_be_sampled(trajectory)
+    if has_switches(scene):
+        raise NotImplementedError("The forces of held contacts are not known for a scene with switches of its own.")
     t, q, v = with_events(trajectory)
     active = _closed(scene, t, q)
     forces = jax.vmap(lambda t, q, v, active: multipliers(scene, t, q, v, active))(jnp.asarray(t), q, v, active)

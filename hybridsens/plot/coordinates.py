@@ -64,7 +64,7 @@ def plot_phase(
 def _draw_jumps(axes: Axes, trajectory: Trajectory, number: int) -> None:
     """Dots at both ends of every impact."""
     n = int(trajectory.events.count)
-    impacts = np.asarray(trajectory.events.kind[:n]) != EventKind.RELEASE
+    impacts = np.isin(np.asarray(trajectory.events.kind[:n]), (EventKind.IMPACT, EventKind.CAPTURE))
     before, after = trajectory.events.before, trajectory.events.after
     for state, marker, label in ((before, "v", "before an impact"), (after, "^", "after it")):
         q, v = (np.asarray(x[:n, number])[impacts] for x in (state.q, state.v))

@@ -12,7 +12,12 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
 from .figure import ABOVE, LINES, must_be_sampled, new_figure
 
-_MARKS = {EventKind.IMPACT: ("v", "black"), EventKind.CAPTURE: ("s", "0.6"), EventKind.RELEASE: ("^", "white")}
+_MARKS = {
+    EventKind.IMPACT: ("v", "black"),
+    EventKind.CAPTURE: ("s", "0.6"),
+    EventKind.RELEASE: ("^", "white"),
+    EventKind.SWITCH: ("D", "0.85"),
+}
 
 
 def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axes] | None = None) -> Figure:
@@ -75,6 +80,7 @@ def _draw_closed(axes: Axes, t, gaps, trajectory: Trajectory) -> None:
     """One row for each contact: a bar while its gap is closed, a tick at each of its events."""
     closed = np.abs(gaps) <= closeness(gaps.dtype) * np.max(np.abs(gaps), initial=0)
     contact, time = np.asarray(trajectory.events.contact), np.asarray(trajectory.events.time)
+    contact = np.where(np.asarray(trajectory.events.kind) == EventKind.SWITCH, -1, contact)
     for i in range(gaps.shape[1]):
         held = closed[:-1, i] & closed[1:, i]
         axes.broken_barh([(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(held)], (i - 0.3, 0.6), color="0.55")

@@ -128,7 +128,7 @@ def _counted(motion, kept: int, kind, place, happened) -> dict[str, Any]:
 def _of_contacts(trajectory: Trajectory, kept: int) -> dict[str, Any]:
     events = trajectory.events
     happened = jnp.arange(events.time.shape[0]) < events.count
-    struck = happened & (events.kind != EventKind.RELEASE)
+    struck = happened & ((events.kind == EventKind.IMPACT) | (events.kind == EventKind.CAPTURE))
     margin = jnp.min(jnp.where(struck, events.closing_speed, jnp.inf), initial=jnp.inf)
     kept = min(kept, events.time.shape[0])
     return _counted(trajectory, kept, events.kind, events.contact, happened) | {
@@ -144,5 +144,5 @@ def _sequence(kind, contact, happened):
     A polynomial modulo 2^32 with one digit, made of kind and contact, for each event.
     """
     powers = jnp.cumprod(jnp.full(kind.shape, 2654435761, jnp.uint32))
-    digit = (1 + kind + 3 * contact).astype(jnp.uint32)
+    digit = (1 + kind + len(EventKind) * contact).astype(jnp.uint32)
     return jnp.sum(jnp.where(happened, powers * digit, 0), dtype=jnp.uint32).astype(jnp.int32)

@@ -1,0 +1,64 @@
+"""The events of a motion as lines and rows of text."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..export.trees import as_text
+from .mode import EventKind
+from .scene import State
+
+
+def event_rows(events: Any):
+    """A header and a row for each event, as texts."""
+    yield ["event", "time", "kind", "contact", "closing speed", "impulse", "state after"]
+    for j in range(int(events.count)):
+        contact, kind = int(events.contact[j]), EventKind(int(events.kind[j])).name.lower()
+        yield [
+            str(j), f"{float(events.time[j]):.9f}", kind, str(contact), f"{float(events.closing_speed[j]):.6g}",
+            f"{_impulse(events, j):.6g}", _after(events, j),
+        ]  # fmt: skip
+
+
+def event_table(events: Any):
+    """The same as lines in columns; of many events the first and the last."""
+    count = int(events.count)
+    if count == 0:
+        return
+    mode = "" if events.mode is None else "; mode"
+    numbers = f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>7} {'closing speed':>14} {'impulse':>12}"
+    yield f"{numbers}  state{mode} after"
+    shown = list(range(count)) if count <= 20 else [*range(10), None, *range(count - 9, count)]
+    for j in shown:
+        if j is None:
+            yield f"{'...':>5} ({count - 19} more)"
+            continue
+        contact = int(events.contact[j])
+        kind = EventKind(int(events.kind[j])).name.lower()
+        after = _after(events, j)
+        yield (
+            f"{j:>5} {float(events.time[j]):>14.9f} {kind:>8} {contact:>7} {float(events.closing_speed[j]):>14.6g} "
+            f"{_impulse(events, j):>12.6g}  {after}{' *' if events.order_matters[j] else ''}"
+        )
+    if np.any(events.order_matters[:count]):
+        yield (
+            "* Contacts that act on each other were met at the same instant. Another order of their impacts has "
+            "another outcome, so derivatives of what follows are one-sided at best."
+        )
+
+
+def _impulse(events: Any, j: int) -> float:
+    """Impulse of the contact that an event is of; 0 at a switch."""
+    return 0.0 if events.kind[j] == EventKind.SWITCH else float(events.impulse[j, int(events.contact[j])])
+
+
+def _after(events: Any, j: int) -> str:
+    """The state after an event, and the mode of a scene that has some."""
+    state = state_text(State(events.after.q[j], events.after.v[j]))
+    return state if events.mode is None else f"{state}; {as_text(jax.tree.map(lambda leaf: leaf[j], events.mode))}"
+
+
+def state_text(state: State) -> str:
+    with np.printoptions(precision=6, suppress=False):
+        return f"q = {np.asarray(state.q)}, v = {np.asarray(state.v)}"

@@ -1,0 +1,70 @@
+"""The functions of a scene with switches, checked, with all that they close over as leaves."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..validation.closures import hides_tracers, method_of
+from ..validation.returned import returned_array
+from ..validation.structures import must_be_pair, must_match, outcome
+from .closures import lifted
+from .scene import State
+from .switched import SwitchRules
+from .switches import AbstractSwitchedScene, has_switches
+
+
+def check_mode(scene: Any, mode: Any) -> None:
+    """Raise TypeError for a mode that nothing could be done with."""
+    if mode is not None and not has_switches(scene):
+        raise TypeError(
+            f"`mode` must be left out for a {type(scene).__name__}, which has no switches. A scene whose force has "
+            "modes is a hybridsens.AbstractSwitchedScene."
+        )
+
+
+def check_switches(scene: AbstractSwitchedScene, state: State, mode: Any) -> int:
+    """How many switches there are.
+
+    Raises: ValueError or TypeError where the scene's functions do not fit the state or the mode."""
+    try:
+        return _count_switches(scene, state, mode)
+    except Exception as error:
+        if mode is None:
+            error.add_note("No `mode` was given to begin in.")
+        raise
+
+
+def _count_switches(scene: AbstractSwitchedScene, state: State, mode: Any) -> int:
+    described = lambda tree: jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree)
+    q, v, mode = described((state.q, state.v, mode))
+    t, event = jax.ShapeDtypeStruct((), q.dtype), jax.ShapeDtypeStruct((), jnp.asarray(0).dtype)
+    switches = returned_array("switches", scene.switches, t, q, v, mode)
+    if switches.ndim != 1:
+        raise ValueError(f"`switches` must return an array of shape (switch,), but returns shape {switches.shape}.")
+    if jnp.finfo(switches.dtype).bits < jnp.finfo(q.dtype).bits:  # its rounding is what events are told by
+        raise TypeError(
+            f"`switches` must return {q.dtype}, the type of the state, but returns {switches.dtype}, which is coarser: "
+            "give both one type."
+        )
+    after = outcome("switch", scene.switch, event, t, q, v, mode)
+    must_be_pair("switch", after, "(v, mode)")
+    must_match("switch", "the velocities", after[0], v, exact=False)
+    must_match("switch", "the mode", after[1], mode, exact=True)
+    return switches.shape[0]
+
+
+def switch_rules(scene: AbstractSwitchedScene, t, state: State, mode: Any) -> SwitchRules:
+    """Both functions, with every traced value that they close over turned into a leaf."""
+    instant = (t, state.q, state.v, mode)
+    calls = {"switches": (scene, *instant), "switch": (scene, jnp.asarray(0), *instant)}
+    hidden = any(hides_tracers(method_of(name), given) for name, given in calls.items())
+    functions = {
+        name: lifted(method_of(name), given, state.q.dtype) if hidden else _METHODS[name]
+        for name, given in calls.items()
+    }
+    return SwitchRules(**functions)
+
+
+_METHODS = {name: method_of(name) for name in ("switches", "switch")}
+"""One function each for all scenes, so that programs are found again."""

@@ -1,0 +1,208 @@
+"""A scene with switches as a hybrid system: its contacts, and beside them the guards of its own."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Int
+
+from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
+from ..interval.kind import Kind
+from ..search.path import Path
+from ..search.stretches import gap_kinds, search_gaps
+from ..status import Status
+from ..watch import Seen, Watch
+from .mode import ContactMode, EventKind
+from .switches import in_mode
+from .system import MechanicalSystem
+from .typed import as_written
+
+
+class SwitchedMode(eqx.Module):
+    """Mode of a scene with switches."""
+
+    contacts: ContactMode
+    own: Any
+    """The mode that the user's scene speaks of."""
+    watch: Watch
+    """Which switches can fall."""
+
+
+class SwitchDetail(eqx.Module):
+    """What the reset of an event needs to know of it."""
+
+    contacts: Any
+    """What the laws of contact need to know."""
+    switch: Int[Array, ""]
+    """Which switch fell; -1 where none did."""
+    own: Any
+    """The scene's mode before."""
+
+
+class SwitchRules(eqx.Module):
+    """The two functions that a scene with switches has beside those of any scene."""
+
+    switches: Callable[..., Any]
+    """(scene, t, q, v, mode) -> (switch,)"""
+    switch: Callable[..., Any]
+    """(scene, event, t, q, v, mode) -> (v, mode)"""
+
+
+class SwitchedSystem(AbstractFlatSystem):
+    """Events 0, 1, ... are those of the contacts, the switches follow. In each mode the contacts are those of a
+    `MechanicalSystem`; after a switch they are chosen as after a jump of the forces."""
+
+    contacts: MechanicalSystem
+    rules: SwitchRules
+    switch_count: int = eqx.field(static=True)
+    mode_like: Any
+    """The scene's mode in which the motion begins."""
+
+    def begin(self, contacts: MechanicalSystem, mode: ContactMode) -> tuple["SwitchedSystem", SwitchedMode]:
+        """The system with these contacts, and the mode that it begins in; `choose` looks at its switches."""
+        watch = Watch.blank(self.switch_count, mode.length.dtype)
+        return dataclasses.replace(self, contacts=contacts), SwitchedMode(mode, self.mode_like, watch)
+
+    def within(self, own) -> MechanicalSystem:
+        """The system of contacts in a mode of the scene."""
+        scene, running_cost = in_mode(self.contacts.scene, self.contacts.running_cost, own)
+        return dataclasses.replace(self.contacts, scene=scene, running_cost=running_cost)
+
+    def flow(self, t, x, mode: SwitchedMode):
+        return self.within(mode.own).flow(t, x, mode.contacts)
+
+    def guards(self, t, x, mode: SwitchedMode):
+        gaps = self.within(mode.own).guards(t, x, mode.contacts)
+        return jnp.concatenate([gaps, mode.watch.signed(self._switches(t, x, mode.own))])
+
+    def guards_and_rates(self, t, x, mode: SwitchedMode):
+        gaps, gap_rates = self.within(mode.own).guards_and_rates(t, x, mode.contacts)
+        seen = self._see(t, x, mode.own, mode.contacts)
+        signed, rates = mode.watch.signed(seen.value), mode.watch.rates(mode.watch.signed(seen.rate))
+        return jnp.concatenate([gaps, signed]), jnp.concatenate([gap_rates, rates])
+
+    def _switches(self, t, x, own):
+        q, v, _ = self.contacts.split(x)
+        return self.rules.switches(as_written(self.contacts.scene), t, q, v, own).astype(x.dtype)
+
+    def _see(self, t, x, own, contacts: ContactMode) -> Seen:
+        flow = self.within(own).flow(t, x, contacts)
+        return Seen(*jax.jvp(lambda t, x: self._switches(t, x, own), (t, x), (jnp.ones_like(t), flow)))
+
+    def scales(self, t, x, mode: SwitchedMode):
+        """Those of the contacts, and the largest so far of each switch and of its rate."""
+        size, speed = self.within(mode.own).scales(t, x, mode.contacts)
+        return jnp.concatenate([size, mode.watch.size]), jnp.concatenate([speed, mode.watch.speed])
+
+    def grazing_depth(self, mode: SwitchedMode):
+        """A switch says nothing of how nearly it was missed."""
+        return jnp.concatenate([self.contacts.grazing_depth(mode.contacts), jnp.full_like(mode.watch.size, -1)])
+
+    def searches(self, t, x):
+        """Whether a gap or a switch is curved."""
+        return self.contacts.searches(t, x) or self._has_curved_switches(t, x)
+
+    def _has_curved_switches(self, t, x) -> bool:
+        return bool((gap_kinds(lambda t, x: self._switches(t, x, self.mode_like), t, x)[0] >= Kind.CURVED).any())
+
+    def search(self, step: StepEnds, mode: SwitchedMode, tolerance, wanted) -> Searched:
+        """Gaps and switches each by themselves; what is found first counts."""
+        n = mode.contacts.active.shape[0]
+        part = lambda cut: step._replace(
+            guard0=step.guard0[cut], rate0=step.rate0[cut], guard1=step.guard1[cut], rate1=step.rate1[cut]
+        )
+        found = []
+        if self.contacts.searches(step.t0, step.x0):
+            contacts = self.within(mode.own)
+            found.append(contacts.search(part(slice(0, n)), mode.contacts, tolerance[:n], wanted))
+        if self._has_curved_switches(step.t0, step.x0):
+            found.append(self._search_switches(part(slice(n, None)), mode, tolerance[n:], wanted))
+        return Searched(*(jnp.min(jnp.stack(values)) for values in zip(*found, strict=True)))
+
+    def _search_switches(self, step: StepEnds, mode: SwitchedMode, tolerance, wanted) -> Searched:
+        def search():
+            flow0, flow1 = self.flow(step.t0, step.x0, mode), self.flow(step.t1, step.x1, mode)
+            path = Path.through(step.t0, step.t1, step.x0, flow0, step.x1, flow1)
+            speed = jnp.maximum(mode.watch.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
+            doubt = path.doubt(step.error, step.order) * path.h * speed
+            switches = lambda t, x: mode.watch.signed(self._switches(t, x, mode.own))
+            return search_gaps(switches, path, step, tolerance + doubt, jnp.ones_like(mode.watch.armed), wanted)
+
+        nothing = lambda: Searched(jnp.full_like(step.t0, jnp.inf), jnp.ones_like(step.t0))
+        return lax.cond(wanted, search, nothing)
+
+    def decide(self, event, t, x, mode: SwitchedMode) -> Decision:
+        """The mode after, of the scene and of its contacts, and which switches can fall then."""
+        return self.choose(event, t, x, mode)
+
+    def choose(self, event, t, x, mode: SwitchedMode) -> Decision:
+        """After a switch the contacts are chosen anew (T2), as where the forces jump; a silent one leaves them."""
+        number = event - mode.contacts.active.shape[0]  # of a switch; negative otherwise
+        rises = mode.watch.is_silent(number)
+        falls = (number >= 0) & ~rises
+        after, own = lax.cond(falls, lambda: self._switch(number, t, x, mode.own), lambda: (x, mode.own))
+        contacts = self.within(own).choose(jnp.where(number >= 0, -2, event), t, after, mode.contacts)
+        among = jax.tree.map(lambda new, old: jnp.where(rises, old, new), contacts.mode, mode.contacts)
+        after, _ = self.within(own).reset(contacts, t, after)
+        seen = self._see(t, after, own, among)
+
+        def switched():
+            flow = self.flow(t, x, mode)
+            before, same = mode.watch.compare(self._switches, (mode.own, own), t, x, flow)
+            return mode.watch.after(number, before, same, seen)
+
+        watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, seen, event == -1))
+        return dataclasses.replace(
+            contacts,
+            mode=SwitchedMode(among, own, watch),
+            kind=jnp.where(falls, EventKind.SWITCH, contacts.kind),
+            detail=SwitchDetail(contacts.detail, jnp.where(falls, number, -1), mode.own),
+            status=Status.where(rises, Status.running, contacts.status),
+            at_once=mode.watch.fires_at_once(number),
+            silent=rises,
+        )
+
+    def _switch(self, number, t, x, before) -> tuple[Array, Any]:
+        """The state and the mode after a switch has fallen."""
+        q, v, z = self.contacts.split(x)
+        v, own = self.rules.switch(as_written(self.contacts.scene), number, t, q, v, before)
+        own = jax.tree.map(lambda new, old: lax.stop_gradient(jnp.asarray(new, old.dtype)), own, before)
+        return jnp.concatenate([q, jnp.asarray(v, x.dtype), z]), own
+
+    def reset(self, decision: Decision, t, x):
+        """The switch acts on the velocities, then the impact does; only one of them does anything."""
+        detail: SwitchDetail = decision.detail
+        kicked = lambda: self._switch(detail.switch, t, x, detail.own)[0]
+        x = lax.cond(detail.switch >= 0, kicked, lambda: x)
+        return self.within(detail.own).reset(dataclasses.replace(decision, detail=detail.contacts), t, x)
+
+    def silent_room(self, max_events):
+        """A switch waits after it was passed, or from the start."""
+        return max_events + self.switch_count
+
+    def is_silent(self, event, mode: SwitchedMode):
+        return mode.watch.is_silent(event - mode.contacts.active.shape[0])
+
+    def jump_times(self):
+        return self.contacts.jump_times()
+
+    def projects(self, mode: SwitchedMode):
+        return self.contacts.projects(mode.contacts)
+
+    def project(self, t, x, mode: SwitchedMode):
+        return self.contacts.project(t, x, mode.contacts)
+
+    def project_with_error(self, t, x, mode: SwitchedMode):
+        return self.contacts.project_with_error(t, x, mode.contacts)
+
+    def stuck(self, t, x, mode: SwitchedMode) -> Status:
+        return self.contacts.stuck(t, x, mode.contacts)
+
+    def unconstrained(self, mode: SwitchedMode):
+        """As of the contacts: while every one is open there is a shorter flow."""
+        shorter = self.contacts.unconstrained(mode.contacts)
+        return None if shorter is None else (shorter[0], dataclasses.replace(self, contacts=shorter[1]))

@@ -1,0 +1,103 @@
+"""Which guards can fall: some wait until they have risen, some fire at once.
+
+A guard that the motion passes through, or that is below zero at the start, is watched with its sign turned until it
+rises; its rise is an event too, a silent one. A guard that a transition puts below zero fires at once.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from .numerics.tolerances import closeness, time_resolution
+
+Guards = Callable[[Array, Array, Any], Array]
+"""(t, x, mode) -> guards of the system as the user wrote them."""
+
+
+class Seen(eqx.Module):
+    """Guards at one instant, and their rates along the flow."""
+
+    value: Float[Array, "guard"]
+    rate: Float[Array, "guard"]
+
+
+class Watch(eqx.Module):
+    """What the search for events knows of each guard. Nothing here is ever differentiated."""
+
+    armed: Bool[Array, "guard"]
+    """Guards that can fall. The others are below zero, and are watched for when they rise again."""
+    pending: Bool[Array, "guard"]
+    """Guards that a transition has put below zero: they fire at once."""
+    size: Float[Array, "guard"]
+    """Largest value of each guard that events have shown: what its rounding is relative to."""
+    speed: Float[Array, "guard"]
+    """The same of its rate."""
+
+    @classmethod
+    def blank(cls, count: int, dtype) -> "Watch":
+        """What is known of guards before anything is."""
+        no, zero = jnp.zeros(count, bool), jnp.zeros(count, dtype)
+        return cls(no, no, zero, zero)
+
+    def signed(self, guards: Float[Array, "guard"]) -> Float[Array, "guard"]:
+        """The guards, those that wait for their rise with the sign turned."""
+        return jnp.where(self.armed, guards, -guards)
+
+    def rates(self, signed: Float[Array, "guard"]) -> Float[Array, "guard"]:
+        """Rates of the signed guards; whatever its own rate, a pending guard falls."""
+        at_once = -jnp.maximum(jnp.abs(signed), self.speed) - 1
+        return jnp.where(self.pending, at_once, signed)
+
+    def is_silent(self, event: Int[Array, ""]) -> Bool[Array, ""]:
+        """Whether guard `event` has risen rather than fallen."""
+        return jnp.any((jnp.arange(self.armed.size) == event) & ~self.armed)
+
+    def fires_at_once(self, event: Int[Array, ""]) -> Bool[Array, ""]:
+        """Whether guard `event` was put below zero by the event before."""
+        return jnp.any((jnp.arange(self.armed.size) == event) & self.pending)
+
+    def begin(self, t, seen: Seen, starts: Bool[Array, ""]) -> "Watch":
+        """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""
+        above = seen.value >= -time_resolution(t, 1) * jnp.abs(seen.rate)
+        armed = jnp.where(starts, above, self.armed)
+        return self._widened(armed, ~starts & armed & (seen.value < 0), seen)
+
+    def after(self, event: Int[Array, ""], before, same: Bool[Array, "guard"], seen: Seen) -> "Watch":
+        """After an event (of a guard, or of any other number), given the guards just before it, which of them mean the
+        same after it (`compare`), and what is seen of them then."""
+        near = closeness(before.dtype)
+        this, guards = jnp.arange(self.armed.size) == event, seen.value
+        still = jnp.abs(guards - before) <= near * self.size
+        falls_on = (seen.rate < -near * self.speed) | (self.pending & (guards < 0))
+        passing = this & self.armed & same & still & falls_on
+        # One that was passed at this very instant is on zero still: another event does not make it fall again.
+        waiting = ~this & ~self.armed & ((guards < 0) | (same & still))
+        armed = ~passing & ~waiting
+        # A guard that is on zero and falling by itself fires too, but at a time of its own.
+        pending = armed & (guards < 0) & (~still | (self.pending & ~this))
+        return self._widened(armed, pending, seen)
+
+    def compare(self, guards: Guards, modes: tuple[Any, Any], t, x, flow) -> tuple[Array, Bool[Array, "guard"]]:
+        """Guards before an event, and which of them mean the same in the mode after: they have the value and the slope
+        (along the flow before) that they had. One that was turned round (a threshold without hysteresis) has another
+        slope."""
+        old, new = modes
+        look = lambda mode: jax.jvp(lambda t, x: guards(t, x, mode), (t, x), (jnp.ones_like(t), flow))
+        before, slope = look(old)
+        there, slope_there = lax.cond(_equal(new, old), lambda: (before, slope), lambda: look(new))
+        near = lambda one, other, size: jnp.abs(one - other) <= closeness(x.dtype) * size
+        return before, near(there, before, self.size) & near(slope_there, slope, self.speed)
+
+    def _widened(self, armed, pending, seen: Seen) -> "Watch":
+        size, speed = jnp.maximum(self.size, jnp.abs(seen.value)), jnp.maximum(self.speed, jnp.abs(seen.rate))
+        return Watch(armed, pending, size, speed)
+
+
+def _equal(one, other) -> Bool[Array, ""]:
+    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    return jnp.all(jnp.stack([jnp.array(True), *(jnp.all(a == b) for a, b in pairs)]))
