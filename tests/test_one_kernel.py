@@ -74,10 +74,14 @@ def test_forward_mode_agrees_with_the_kernel_whatever_the_room(room):
     assert_close(forward, jax.grad(height_at_the_end)(height, hs.Replay()), 1e-12)
 
 
+def entry(function, *arguments) -> str:
+    """A compiled program, what it calls apart."""
+    return jax.jit(function).lower(*arguments).compile().as_text().split("ENTRY")[1]
+
+
 def kernels(function, *arguments) -> int:
     """How many kernels a compiled program starts, those inside of its loops apart."""
-    entry = jax.jit(function).lower(*arguments).compile().as_text().split("ENTRY")[1]
-    names = re.findall(r"^\s+(?:ROOT )?%?[\w.\-]+ = .*? ([a-z\-]+)\(", entry, re.MULTILINE)
+    names = re.findall(r"^\s+(?:ROOT )?%?[\w.\-]+ = .*? ([a-z\-]+)\(", entry(function, *arguments), re.MULTILINE)
     return sum(name not in {"get-tuple-element", "constant", "parameter", "bitcast", "tuple"} for name in names)
 
 
@@ -91,6 +95,18 @@ def test_a_gradient_starts_few_kernels(scene):
         return hs.simulate(scene, scene.initial_state(), t1=scene.t1, throw=False).final.q @ jnp.ones(1)
 
     assert kernels(jax.value_and_grad(cost), moving) < 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [6, 10])
+def test_many_contacts_leave_no_loop_outside_of_a_kernel(count):
+    """Neither a product of matrices nor an entry that is picked among contacts keeps XLA from making one of all."""
+    chain = hs.scenes.ChainOfMasses(count)
+
+    def cost(scene):
+        return hs.simulate(scene, scene.initial_state(), t1=scene.t1, throw=False).final.q @ jnp.ones(count)
+
+    assert " while(" not in entry(jax.value_and_grad(cost), chain)
 
 
 def test_alone_and_in_a_batch_the_gradient_is_the_same():
