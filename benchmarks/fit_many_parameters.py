@@ -24,7 +24,6 @@ from jaxtyping import Array, Float  # noqa: E402
 
 from benchmarks.fit_against_naive import Found, differences, ours, scipys, timed  # noqa: E402
 from benchmarks.fit_motions import SLOWLY  # noqa: E402
-from benchmarks.fit_record import TRUTH, positions  # noqa: E402
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.estimation import measurements, prepare  # noqa: E402
@@ -35,6 +34,7 @@ from hybridsens.estimation.optimizers import method  # noqa: E402
 from hybridsens.estimation.problem import Problem  # noqa: E402
 from hybridsens.estimation.watch import Audience  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
+from tests.problems.stop_record import TRUTH, positions  # noqa: E402
 
 TIMES = np.linspace(0.05, 20.0, 400)
 BASE = 0.45

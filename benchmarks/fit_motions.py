@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.fit_record import BOUNDS, TIMES, TRUTH, positions
 from hybridsens.estimation import GrowingHorizon, measurements, prepare
 from hybridsens.estimation.data import Measurements
 from hybridsens.estimation.motions import Numerics
 from hybridsens.estimation.problem import Problem
 from hybridsens.scenes import ElasticStop
+from tests.problems.stop_record import BOUNDS, TIMES, TRUTH, positions
 
 
 class Motion(NamedTuple):

@@ -3,9 +3,9 @@
 import jax
 import jax.numpy as jnp
 import pytest
-from closeness import assert_close
 
 import hybridsens as hs
+from tests.closeness import assert_close
 
 T1 = 1.0
 
