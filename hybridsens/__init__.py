@@ -12,6 +12,7 @@ from .adjoint.methods import (
     ForwardSensitivities,
     Replay,
 )
+from .adjoint.step import RecordedStep, StepBack
 from .configure import configure
 from .delays import DelayQueue
 from .mechanics.discontinuities import DiscontinuityWarning
@@ -116,12 +117,14 @@ __all__ = [
     "GrowingHorizon",
     "LagrangianScene",
     "Measurements",
+    "RecordedStep",
     "Replay",
     "SimulationError",
     "Solution",
     "SolutionEvents",
     "State",
     "Status",
+    "StepBack",
     "Steps",
     "Trajectory",
     "WorkPrecision",

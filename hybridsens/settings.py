@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .adjoint.methods import AbstractGradientMethod, Replay
+from .adjoint.methods import AbstractGradientMethod
 from .forward.method import Method
 from .status import Status
 from .validation.arguments import real_fraction, real_tolerance
@@ -70,13 +70,13 @@ def horizon_status(t0, t1, ts, method: Method, capture_speed: float | Array = 0.
     return status
 
 
-def segment_steps(adjoint, ts) -> int | None:
-    """Room for the steps of a segment where they are not recorded."""
-    if not isinstance(adjoint, Replay) or not adjoint.recompute:
-        return None
-    if ts is not None:
+def segment_room(adjoint: AbstractGradientMethod, ts) -> int | None:
+    """Room for the steps of a segment where they are not recorded.
+
+    Raises: ValueError where samples need recorded ones."""
+    if adjoint.segment_room is not None and ts is not None:
         raise ValueError("`ts` needs recorded steps, which Replay(recompute=True) does not keep: use Replay().")
-    return adjoint.segment_steps
+    return adjoint.segment_room
 
 
 def check_settings(max_events, max_steps, solver, adjoint, throw):

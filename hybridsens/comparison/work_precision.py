@@ -18,7 +18,7 @@ from .compare import Reference, relative_error, tight_reference
 from .differentiate import value_and_gradient
 from .failure import reason
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
-from .gradient_methods import adjoint_name, at_tolerance, from_adjoint
+from .gradient_methods import adjoint_name, from_adjoint
 from .timing import first_call, seconds_per_call
 from .work_precision_file import check_ending, read_points, write_points
 from .work_precision_points import Point as Point
@@ -135,7 +135,7 @@ def _gradient(parameters: FlatParameters, cost: Cost, line: Line, room):
     @jax.jit
     def gradient(vector, tolerance):
         tolerance = jnp.asarray(tolerance, vector.dtype)
-        method = at_tolerance(line.method, tolerance)
+        method = line.method.at_tolerance(tolerance)
         row = from_adjoint(method, solver=line.solver, rtol=tolerance, atol=tolerance, **room)
         return value_and_gradient(functional(parameters, cost, row.simulate), row.mode)(vector)
 

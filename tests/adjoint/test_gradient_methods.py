@@ -13,7 +13,7 @@ import hybridsens as hs
 from hybridsens.comparison.compare import compare, relative_error
 from hybridsens.comparison.differentiate import value_and_gradient
 from hybridsens.comparison.functional import functional
-from hybridsens.comparison.gradient_methods import DEFAULT_ADJOINTS, adjoint_name, at_tolerance, our_methods
+from hybridsens.comparison.gradient_methods import DEFAULT_ADJOINTS, adjoint_name, our_methods
 from hybridsens.parameters import flatten_parameters
 from tests.problems import reference_scenes
 from tests.problems.references import RECORDS
@@ -56,10 +56,10 @@ def test_discrete_methods_share_one_gradient_and_the_continuous_ones_do_not(grad
 def test_a_costate_follows_the_tolerance_unless_it_has_its_own():
     """By name and by setting; methods without tolerances stay what they are."""
     own = hs.ContinuousCostate(rtol=1e-11)
-    assert at_tolerance(own, 1e-6) == own and adjoint_name(own) == "ContinuousCostate(rtol=1e-11)"
-    moved = at_tolerance(hs.ContinuousCostate(state="backward"), 1e-6)
+    assert own.at_tolerance(1e-6) == own and adjoint_name(own) == "ContinuousCostate(rtol=1e-11)"
+    moved = hs.ContinuousCostate(state="backward").at_tolerance(1e-6)
     assert moved == hs.ContinuousCostate(1e-6, 1e-6, "backward")
-    assert at_tolerance(hs.Replay(), 1e-6) == hs.Replay()
+    assert hs.Replay().at_tolerance(1e-6) == hs.Replay()
     assert adjoint_name(hs.DiffraxAdjoint(diffrax.DirectAdjoint())) == "DiffraxAdjoint(adjoint=DirectAdjoint())"
 
 
