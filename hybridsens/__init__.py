@@ -22,6 +22,7 @@ from .mechanics.scene import AbstractScene, State
 from .mechanics.trajectory import Events, Trajectory
 from .outcome import SimulationError, Steps
 from .saved import load
+from .settings import Settings
 from .simulate import simulate
 from .solution import Solution, SolutionEvents
 from .solve import solve
@@ -29,9 +30,11 @@ from .status import Status
 from .system import AbstractHybridSystem
 
 if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and editors
-    from .comparison.check_gradient import GradientCheck, check_gradient
-    from .comparison.compare import Comparison, compare
+    from .comparison.check_gradient import check_gradient
+    from .comparison.check_report import GradientCheck
+    from .comparison.compare import compare
     from .comparison.compare_plot import plot_comparison
+    from .comparison.compare_table import Comparison
     from .comparison.lyapunov import lyapunov
     from .comparison.work_precision import WorkPrecision, work_precision
     from .comparison.work_precision_plot import plot_work_precision
@@ -39,6 +42,7 @@ if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and edi
         FitResult,
         GrowingHorizon,
         Measurements,
+        RandomStarts,
         fit,
         measurements,
         read_measurements,
@@ -61,9 +65,9 @@ if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and edi
 __version__ = version("hybridsens")
 
 _STUDIES = {
-    "GradientCheck": "comparison.check_gradient",
+    "GradientCheck": "comparison.check_report",
     "check_gradient": "comparison.check_gradient",
-    "Comparison": "comparison.compare",
+    "Comparison": "comparison.compare_table",
     "compare": "comparison.compare",
     "plot_comparison": "comparison.compare_plot",
     "WorkPrecision": "comparison.work_precision",
@@ -73,6 +77,7 @@ _STUDIES = {
     "FitResult": "estimation",
     "GrowingHorizon": "estimation",
     "Measurements": "estimation",
+    "RandomStarts": "estimation",
     "fit": "estimation",
     "measurements": "estimation",
     "read_measurements": "estimation",
@@ -117,8 +122,10 @@ __all__ = [
     "GrowingHorizon",
     "LagrangianScene",
     "Measurements",
+    "RandomStarts",
     "RecordedStep",
     "Replay",
+    "Settings",
     "SimulationError",
     "Solution",
     "SolutionEvents",

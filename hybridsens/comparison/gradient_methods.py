@@ -1,7 +1,7 @@
 """The rows of a comparison: each a way to move the scene and a way to differentiate the result."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -62,18 +62,14 @@ def _default(field: dataclasses.Field) -> Any:
     return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
-def our_methods(
-    adjoints: Sequence[AbstractGradientMethod], tolerance: float, max_events: int, max_steps: int
-) -> list[GradientMethod]:
+def our_methods(adjoints: Sequence[AbstractGradientMethod], settings: Mapping[str, Any]) -> list[GradientMethod]:
     """This package's methods, at one tolerance for the motion and for what is integrated back."""
-    settings = dict(rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps)
-    methods = [from_adjoint(adjoint.at_tolerance(tolerance), **settings) for adjoint in adjoints]
+    methods = [from_adjoint(adjoint.at_tolerance(settings["rtol"]), **settings) for adjoint in adjoints]
     return [m._replace(name=adjoint_name(adjoint)) for m, adjoint in zip(methods, adjoints, strict=True)]
 
 
-def differences(tolerance: float, max_events: int, max_steps: int) -> GradientMethod:
+def differences(settings: Mapping[str, Any]) -> GradientMethod:
     """Central differences of our own motions."""
-    settings = dict(rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps)
     return GradientMethod("central differences", partial(move, throw=False, **settings), "differences")
 
 

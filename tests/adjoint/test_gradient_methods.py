@@ -28,7 +28,7 @@ def gradients():
         return simulate(scene, scene.initial_state(), t1=20.0, running_cost=lambda s, t, q, v: q @ q).cost
 
     parameters = flatten_parameters(jnp.array(RECORDS["P2"]["p"]))
-    methods = our_methods(DEFAULT_ADJOINTS, 1e-8, 16, 1024)
+    methods = our_methods(DEFAULT_ADJOINTS, dict(rtol=1e-8, atol=1e-8, max_events=16, max_steps=1024))
     runs = {m.name: value_and_gradient(functional(parameters, cost, m.simulate), m.mode) for m in methods}
     return {name: np.asarray(run(parameters.vector)[1]) for name, run in runs.items()}
 

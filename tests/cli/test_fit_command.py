@@ -77,7 +77,7 @@ def test_ctrl_c_prints_the_best_point_and_keeps_it(tmp_path):
     program = listen + "from hybridsens.cli.main import main; main()"
     command = [sys.executable, "-c", program, "fit", "elastic-stop", "--data", str(RECORD), "--skip-missing",
                "--parameters", "distance,restitution_coefficient", "--guess", "distance=0.7",
-               "--guess", "restitution_coefficient=0.7", "--optimizer", "adam", "--checkpoint", str(kept),
+               "--guess", "restitution_coefficient=0.7", "--optimizer", "adam", "--store", str(kept),
                "--max-iterations"]  # fmt: skip
     with subprocess.Popen([*command, "100000"], stdout=subprocess.PIPE, text=True) as run:
         assert run.stdout is not None

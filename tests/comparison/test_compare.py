@@ -68,7 +68,7 @@ def reverse(name, simulate):
 
 def test_replay_is_right_to_1e_7_in_the_table_of_the_elastic_stop():
     """At tolerance 1e-8 the row of replay has both errors below 1e-7."""
-    row = table(P2, our_methods([hs.Replay()], 1e-8, 16, 1024)).rows[0]
+    row = table(P2, our_methods([hs.Replay()], dict(rtol=1e-8, atol=1e-8, max_events=16, max_steps=1024))).rows[0]
     assert row.failure == "" and row.value_error < 1e-7 and row.gradient_error < 1e-7
 
 

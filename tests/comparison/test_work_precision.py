@@ -52,7 +52,7 @@ def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_
     methods = (hs.Replay(), hs.ContinuousCostate())
     study = work_precision(
         scene(), tolerances=(1e-5, 1e-8, 1e-11), solvers=[diffrax.Tsit5()], methods=methods, reference=reference,
-        path=path, **ROOM,
+        store=path, **ROOM,
     )  # fmt: skip
     assert [point.method for point in study.points] == 3 * ["Replay"] + 3 * ["ContinuousCostate"]
     errors = [point.gradient_error for point in study.points]
@@ -81,13 +81,13 @@ def test_an_interrupted_study_goes_on_where_it_stopped(ending, tmp_path, referen
     """Three of eight points, then the five others; the file has every point once, to the last bit."""
     path = tmp_path / f"points.{ending}"
     asked = dict(tolerances=(1e-4, 1e-5), solvers=[diffrax.Tsit5()], dtypes=("float64", "float32"))
-    asked |= dict(methods=(hs.Replay(), hs.ContinuousCostate(rtol=1e-10)), reference=reference, path=path)
+    asked |= dict(methods=(hs.Replay(), hs.ContinuousCostate(rtol=1e-10)), reference=reference, store=path)
     monkeypatch.setattr(work_precision_module, "_measure", first := Meter(stops_at=3))
     begun = work_precision(scene(), **asked, **ROOM)
     assert begun.interrupted and len(begun.points) == first.count == 3
     assert _same(read_points(path, reference.value), begun.points)
     monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
-    whole = work_precision(scene(), **asked, resume=True, **ROOM)
+    whole = work_precision(scene(), **asked, **ROOM)
     assert second.count == 5 and not whole.interrupted and _same(whole.points[:3], begun.points)
     assert len({point[:4] for point in whole.points}) == 8
     assert _same(read_points(path, reference.value), whole.points)
@@ -103,38 +103,38 @@ def test_the_command_writes_points_and_goes_on_with_them(tmp_path, reference, mo
     monkeypatch.setattr(work_precision_module, "tight_reference", lambda *scene: reference)
     picture, points = tmp_path / "picture.png", tmp_path / "points.parquet"
     asked = ["work-precision", "elastic-stop", "--no-single", "--solver", "Tsit5", "--method", "ContinuousCostate"]
-    asked += ["--output", str(picture), "--points", str(points), "--target", "0.5"]
+    asked += ["--output", str(picture), "--store", str(points), "--target", "0.5"]
     monkeypatch.setattr(work_precision_module, "_measure", first := Meter())
     assert run(asked) == 0 and first.count == 11
     printed = capsys.readouterr().out
     assert "for gradient error 5e-01 on this scene: Tsit5, rtol 1e-03, ContinuousCostate: 100 ms" in printed
     monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
-    assert run([*asked, "--resume"]) == 0 and second.count == 0
+    assert run(asked) == 0 and second.count == 0
     assert capsys.readouterr().out == printed and picture.read_bytes().startswith(b"\x89PNG")
     assert run(["work-precision", "--method", "Guessing"]) != 0
     assert "there is no gradient method 'Guessing'; choose one of Replay" in capsys.readouterr().err
 
 
 def test_a_file_of_something_else_is_refused(tmp_path, reference):
-    """Points of another J, a table of another kind, another ending, and no file at all where one must be."""
+    """Points of another J, a table of another kind, another ending; and a setting that the study varies."""
     path = tmp_path / "points.csv"
     write_points(path, [Point("Tsit5", "Replay", "float64", 1e-7)], reference.value * 1.001)
     with pytest.raises(ValueError, match="must have points of the same J"):
-        work_precision(scene(), reference=reference, path=path, resume=True)
+        work_precision(scene(), reference=reference, store=path)
     path.write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match="must have the columns solver, method"):
-        work_precision(scene(), reference=reference, path=path, resume=True)
+        work_precision(scene(), reference=reference, store=path)
     with pytest.raises(ValueError, match="must end in .csv or .parquet"):
-        work_precision(scene(), reference=reference, path=tmp_path / "points.txt")
-    with pytest.raises(ValueError, match="`resume` must have a `path`"):
-        work_precision(scene(), reference=reference, resume=True)
+        work_precision(scene(), reference=reference, store=tmp_path / "points.txt")
+    with pytest.raises(TypeError, match="must have settings among .*, but has rtol"):
+        work_precision(scene(), reference=reference, rtol=1e-6)
 
 
 def test_without_pyarrow_parquet_is_refused_before_anything_is_run(tmp_path, monkeypatch):
     """The error says what to install."""
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ImportError, match="pip install 'hybridsens.parquet.'"):
-        work_precision(scene(), path=tmp_path / "points.parquet")
+        work_precision(scene(), store=tmp_path / "points.parquet")
 
 
 def test_float32_is_float32_and_restores_double_precision(reference):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hybridsens import load
-from hybridsens.estimation import fit, measurements
+from hybridsens.estimation import RandomStarts, fit, measurements
 from hybridsens.estimation.watch import GuessFailed
 from hybridsens.scenes import BouncingBall, ElasticStop
 from tests.problems.stop_record import NEAR, STOP, TRUTH, stop_record
@@ -64,10 +64,10 @@ def test_a_file_holds_the_fit_as_a_data_set(near, tmp_path):
 
 
 def test_a_fit_goes_on_from_an_earlier_one(record, near):
-    """Assert that a fit stopped by its callback, and resumed, ends where the uninterrupted one ends."""
-    first = fit(ElasticStop(**NEAR), record, callback=lambda line: line.number >= 2, **STOP)
+    """Assert that a fit stopped by its callback, and gone on from, ends where the uninterrupted one ends."""
+    first = fit(ElasticStop(**NEAR), record, progress=lambda line: line.number >= 2, **STOP)
     assert first.stopped == "stopped by the callback" and first.loss > near.loss
-    second = fit(ElasticStop(**NEAR), record, resume=first, **STOP)
+    second = fit(first.scene, record, **STOP)
     np.testing.assert_allclose(second.values, near.values, rtol=1e-4)
 
 
@@ -78,8 +78,8 @@ def test_an_interrupted_fit_keeps_its_best_point(record):
         if line.number == 3:
             raise KeyboardInterrupt
 
-    result = fit(ElasticStop(**NEAR), record, callback=interrupt, **STOP)
-    assert result.stopped == "interrupted"
+    result = fit(ElasticStop(**NEAR), record, progress=interrupt, **STOP)
+    assert result.stopped == "interrupted" and result.interrupted
     assert result.loss == min(line.loss for line in result.history) < result.history[0].loss
 
 
@@ -197,7 +197,7 @@ def test_a_robust_fit_needs_sigmas():
 
 def test_many_starts_agree_with_one(record, near):
     """Assert that the best of 4 starts in one compiled run is the minimum that a single good start finds."""
-    several = fit(ElasticStop(**NEAR), record, starts=4, spread=0.05, **STOP)
+    several = fit(ElasticStop(**NEAR), record, starts=RandomStarts(4, spread=0.05), **STOP)
     np.testing.assert_allclose(several.values, near.values, rtol=1e-3)
     assert several.starts is not None and several.starts.z.shape == (4, 6)
     assert float(jnp.min(several.starts.loss)) <= near.loss * (1 + 1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hybridsens.estimation import fit, measurements
-from hybridsens.estimation.uncertainty import uncertainty
+from hybridsens.estimation.uncertainty import Noise, uncertainty
 from hybridsens.scenes import BouncingBall
 
 pytestmark = pytest.mark.slow  # every one of these needs the same large program
@@ -77,5 +77,5 @@ def test_a_derivative_of_rounding_alone_is_none():
     """Assert that a single parameter whose Jacobian is rounding has no finite error, with sigmas or without."""
     for sigmas_given in (True, False):
         known = uncertainty(("mass",), [1.0], 1e-3 * NOISE, 1e-17 * np.ones((NOISE.size, 1)), np.zeros(1),
-                            sigmas_given=sigmas_given, largest=1.0, rounding=1e-7)  # fmt: skip
+                            Noise(sigmas_given, largest=1.0, rounding=1e-7))  # fmt: skip
         assert known.unseen == ("mass",) and np.isinf(known.standard_errors).all()

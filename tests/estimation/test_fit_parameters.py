@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from hybridsens.estimation.parameters import select
-from hybridsens.estimation.uncertainty import half_width, uncertainty
+from hybridsens.estimation.uncertainty import Noise, half_width, uncertainty
 from hybridsens.parameters import parameter_places
 from hybridsens.scenes import ElasticStop
 
@@ -70,7 +70,7 @@ def test_uncertainty_of_a_straight_line_is_the_textbook_one():
     line = stats.linregress(x, y)
     residuals = line.intercept + line.slope * x - y
     values, jacobian = np.array([line.intercept, line.slope]), np.stack([np.ones(20), x], axis=1)
-    known = uncertainty(("a", "b"), values, residuals, jacobian, np.zeros(2), sigmas_given=False)
+    known = uncertainty(("a", "b"), values, residuals, jacobian, np.zeros(2), Noise(sigmas_given=False))
     np.testing.assert_allclose(known.standard_errors, [line.intercept_stderr, line.stderr], rtol=1e-12)
     width = half_width(known.standard_errors, 0.95, known.quantile_freedom)
     np.testing.assert_allclose(width, stats.t.ppf(0.975, 18) * known.standard_errors, rtol=1e-12)
@@ -82,7 +82,7 @@ def test_a_robust_fit_of_many_normal_residuals_has_nearly_the_plain_errors():
     random = np.random.default_rng(2)
     jacobian, r = random.normal(size=(4000, 2)), random.normal(size=4000)
     errors = lambda robust=np.inf: (
-        uncertainty(("a", "b"), [1.0, 1.0], r, jacobian, np.zeros(2), sigmas_given=False, robust=robust).standard_errors
+        uncertainty(("a", "b"), [1.0, 1.0], r, jacobian, np.zeros(2), Noise(False, robust)).standard_errors
     )
     np.testing.assert_allclose(errors(1e6), errors(), rtol=1e-9)
     np.testing.assert_allclose(errors(2.0), errors(), rtol=0.1)
@@ -94,7 +94,7 @@ def test_a_direction_without_information_is_named():
     change."""
     a, b = 2.0, 5.0
     jacobian = np.outer(np.linspace(1, 2, 10), [b, a])
-    known = uncertainty(("a", "b"), [a, b], np.ones(10), jacobian, np.zeros(2), sigmas_given=True)
+    known = uncertainty(("a", "b"), [a, b], np.ones(10), jacobian, np.zeros(2), Noise(sigmas_given=True))
     (direction,) = known.null_directions
     assert abs(direction["a"] + direction["b"]) < 1e-12 and abs(abs(direction["a"]) - 0.5**0.5) < 1e-12
     assert np.all(np.isinf(known.standard_errors))

@@ -8,7 +8,6 @@ import pytest
 from hybridsens.adjoint.methods import Replay
 from hybridsens.estimation import GrowingHorizon, fit, measurements, prepare
 from hybridsens.estimation.horizon import Stage
-from hybridsens.estimation.motions import Numerics
 from hybridsens.estimation.problem import predict
 from hybridsens.scenes import BouncingBall, ElasticStop
 from tests.problems.stop_record import FAR, NEAR, STOP, TRUTH, stop_record
@@ -39,10 +38,10 @@ def test_a_growing_horizon_comes_home_from_a_guess_that_loses_the_phase(record, 
 
 @pytest.mark.slow
 def test_a_grown_fit_that_was_cut_short_goes_on_without_stages(record, near):
-    """Assert that a result with room for two iterations of the whole problem can be resumed by the plain optimizer."""
+    """Assert that the plain optimizer goes on from a result with room for two iterations of the whole problem."""
     short = fit(ElasticStop(**FAR), record, strategy=GrowingHorizon(), max_iterations=2, **STOP)
     assert short.stopped == "max_iterations"
-    rest = fit(ElasticStop(**FAR), record, resume=short, **STOP)
+    rest = fit(short.scene, record, **STOP)
     np.testing.assert_allclose(rest.values, near.values, rtol=1e-3)
     assert rest.converged and {line.stage for line in rest.history} == {"full"}
 
@@ -55,10 +54,10 @@ def test_a_horizon_reaches_to_where_the_motion_leaves_the_record():
     heights = np.where(times < np.sqrt(2 / 9.81), 1 - 9.81 * times**2 / 2, _after_first_impact(times))
     wild = heights + 50.0 * (np.arange(20) == 5)
     gone = np.where(np.arange(20) > 11, heights + 3 * np.std(heights), heights)
-    numerics, growing = Numerics(1e-8, 1e-8, 64, 1024), GrowingHorizon()
+    growing, unknowns = GrowingHorizon(), prepare.Unknowns("restitution_coefficient")
 
     def reach(values, before=-np.inf):
-        problem = prepare.problem(ball, measurements(times, values), numerics, parameters=["restitution_coefficient"])
+        problem = prepare.build_problem(ball, measurements(times, values), unknowns)
         return float(growing.next(problem, predict(problem, jnp.ones(1))[1], jnp.asarray(before)))
 
     assert reach(heights) == reach(wild) == np.inf
@@ -72,10 +71,8 @@ def test_a_stage_compares_and_counts_only_what_comes_before_its_end():
     parted = np.where(np.arange(20) > 11, 5.0, np.where(times < np.sqrt(2 / 9.81), 1 - 9.81 * times**2 / 2,
                                                         _after_first_impact(times)))  # fmt: skip
     data = measurements(times, parted, sigma=1.0, event_times=[np.sqrt(2 / 9.81), 0.8], event_sigma=1.0)
-    problem = prepare.problem(
-        BouncingBall(restitution_coefficient=0.5), data, Numerics(1e-8, 1e-8, 64, 1024),
-        parameters=["restitution_coefficient"],
-    )  # fmt: skip
+    ball = BouncingBall(restitution_coefficient=0.5)
+    problem = prepare.build_problem(ball, data, prepare.Unknowns("restitution_coefficient"))
     z = problem.selection.from_values(np.array([0.5]))
     stage = Stage(GrowingHorizon(), z, jnp.asarray(-np.inf), jnp.array(True))
     begins = eqx.tree_at(lambda p: p.stage, problem, stage, is_leaf=lambda leaf: leaf is None)
@@ -112,7 +109,7 @@ class Killed(Exception):
     """What ends a process from outside."""
 
 
-def test_a_killed_fit_goes_on_from_its_checkpoint(record, near, tmp_path):
+def test_a_killed_fit_goes_on_from_its_store(record, near, tmp_path):
     """Assert that the file of a fit killed at its fourth iteration holds its best values, and that a fit from a guess
     that leads elsewhere goes on from them and ends at the minimum."""
     path, best = tmp_path / "best.json", []
@@ -123,12 +120,12 @@ def test_a_killed_fit_goes_on_from_its_checkpoint(record, near, tmp_path):
             raise Killed
 
     with pytest.raises(Killed):
-        fit(ElasticStop(**NEAR), record, checkpoint=path, callback=kill, **STOP)
-    resumed = fit(ElasticStop(**FAR), record, checkpoint=path, **STOP)
+        fit(ElasticStop(**NEAR), record, store=path, progress=kill, **STOP)
+    resumed = fit(ElasticStop(**FAR), record, store=path, **STOP)
     np.testing.assert_allclose(resumed.history[0].loss, min(best), rtol=1e-9)
     np.testing.assert_allclose(resumed.values, near.values, rtol=1e-3)
-    with pytest.raises(ValueError, match="`checkpoint` must be of the same parameters"):
-        fit(ElasticStop(**NEAR), record, checkpoint=path, parameters=["distance"])
+    with pytest.raises(ValueError, match="`store` must be of the same parameters"):
+        fit(ElasticStop(**NEAR), record, store=path, parameters=["distance"])
 
 
 def test_outliers_and_gaps_do_not_move_a_robust_fit(record, near):

@@ -16,7 +16,8 @@ import pytest
 import xarray as xr
 import zarr
 
-from hybridsens.sweeps import grid, random, sweep
+from hybridsens.sweeps import grid, random, status_counts, sweep
+from hybridsens.sweeps.engine import Engine
 
 SCENE = {"a": jnp.array(1.0), "b": jnp.array(2.0)}
 TILES = 40
@@ -67,6 +68,28 @@ def swept(tmp_path):
         return sweep(cost, design, chunk=2, store=tmp_path / where, progress=False)
 
     return run
+
+
+@pytest.mark.parametrize("stored", [True, False])
+def test_an_interrupted_sweep_keeps_what_is_finished_and_a_store_goes_on(stored, tmp_path, monkeypatch):
+    """Assert that Ctrl-C in the third of five chunks leaves the first two, and that the same call does the rest."""
+    asked = dict(chunk=2, progress=False, store=tmp_path / "sweep.zarr" if stored else None)
+    design, square = grid(SCENE, {"a": np.arange(10.0)}), lambda scene: scene["a"] ** 2
+    run, chunks_run = Engine.run, []
+
+    def interrupted_in_the_third(engine, block):
+        chunks_run.append(block)
+        if len(chunks_run) == 3:
+            raise KeyboardInterrupt
+        return run(engine, block)
+
+    monkeypatch.setattr(Engine, "run", interrupted_in_the_third)
+    begun = sweep(square, design, **asked)
+    assert "interrupted" in begun.attrs and status_counts(begun) == {"none": 6, "successful": 4}
+    np.testing.assert_array_equal(begun.J, [0, 1, 4, 9] + 6 * [np.nan])
+    whole = sweep(square, design, **asked)
+    assert "interrupted" not in whole.attrs and len(chunks_run) == (3 + 3 if stored else 3 + 5)
+    np.testing.assert_array_equal(whole.J, np.arange(10.0) ** 2)
 
 
 def test_a_chunk_without_its_status_is_computed_again(swept, tmp_path):

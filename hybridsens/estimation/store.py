@@ -11,7 +11,7 @@ import numpy as np
 from .parameters import Selection
 
 
-class Checkpoint(NamedTuple):
+class Store(NamedTuple):
     """A JSON file with the names and the best values of the fitted parameters."""
 
     path: Path
@@ -35,7 +35,7 @@ class Checkpoint(NamedTuple):
         saved = json.loads(self.path.read_text())
         if tuple(saved) != self.selection.labels:
             raise ValueError(
-                f"`checkpoint` must be of the same parameters {self.selection.labels}, but {self.path} has "
+                f"`store` must be of the same parameters {self.selection.labels}, but {self.path} has "
                 f"{tuple(saved)}."
             )
         return np.array(list(saved.values()))
