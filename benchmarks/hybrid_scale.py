@@ -111,7 +111,7 @@ def network_row(count: int, spikes: int) -> dict:
     }
     taken, plan = shortest(calls, seconds=10.0), gradient.memory_analysis()
     return {
-        "what": "network", "neurons": count, "spikes": int(events), "steps": int(steps), "status": int(status._value),
+        "what": "network", "neurons": count, "spikes": int(events), "steps": int(steps), "status": int(status.code),
         "forward_ms": taken["forward"] * 1e3, "gradient_ms": taken["gradient"] * 1e3,
         "gradient/forward": taken["gradient"] / taken["forward"],
         "forward_us_per_spike": taken["forward"] / int(events) * 1e6,

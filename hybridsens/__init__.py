@@ -26,8 +26,12 @@ from .settings import Settings
 from .simulate import simulate
 from .solution import Solution, SolutionEvents
 from .solve import solve
-from .status import Status
 from .system import AbstractHybridSystem
+
+if TYPE_CHECKING:  # all outcomes by name, those of contacts too
+    from .mechanics.status import ContactStatus as Status
+else:
+    from .status import Status
 
 if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and editors
     from .comparison.check_gradient import check_gradient

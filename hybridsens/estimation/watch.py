@@ -3,11 +3,8 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..status import Status
 from .iterate import Pace
 from .motions import KINDS, EventRows
 from .outcome import Outcome
@@ -64,7 +61,7 @@ def event_sequence(trial: Trial | EventRows) -> Sequence:
 
 def failure(trial: Trial) -> str:
     """Why a trial point could not be evaluated."""
-    return Status[jax.tree.map(jnp.asarray, trial.status)] or "a residual or its derivative is not finite."
+    return trial.status.message or "a residual or its derivative is not finite."
 
 
 class Watch:
