@@ -4,32 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax import Array
 
 import hybridsens as hs
 from tests.closeness import assert_close
+from tests.problems.hybrid_systems import Thermostat
 
 GIVEN = (0.3, 10.0, 6.0, 18.0, 22.0)
 END = 3.0
-
-
-class Thermostat(hs.AbstractHybridSystem):
-    """x' = a (outside - x), and + heat while the heater is on; it goes on at `low` and off at `high`."""
-
-    a: Array
-    outside: Array
-    heat: Array
-    low: Array
-    high: Array
-
-    def flow(self, t, x, mode):
-        return self.a * (self.outside - x) + jnp.where(mode, self.heat, 0)
-
-    def guards(self, t, x, mode):
-        return jnp.where(mode, self.high - x, x - self.low)[None]
-
-    def transition(self, event, t, x, mode):
-        return x, ~mode
 
 
 class PlainReplay(hs.AbstractGradientMethod):
@@ -68,10 +49,9 @@ def gradient_by(method, **settings):
     """d x(END) / d (all parameters)."""
 
     def final(numbers):
-        motion = hs.solve(
-            Thermostat(*numbers), jnp.array(20.0), jnp.array(False), t1=END, adjoint=method, max_events=4, **settings
-        )
-        return motion.final, motion.events.count
+        start = {"inside": 20.0}, {"on": False, "count": 0}
+        motion = hs.solve(Thermostat(*numbers), *start, t1=END, adjoint=method, max_events=4, **settings)
+        return motion.final["inside"], motion.events.count
 
     return jax.grad(final, has_aux=True)(tuple(jnp.array(number) for number in GIVEN))
 

@@ -8,25 +8,13 @@ from hybridsens import load
 from hybridsens.estimation import RandomStarts, fit, measurements
 from hybridsens.estimation.watch import GuessFailed
 from hybridsens.scenes import BouncingBall, ElasticStop
-from tests.problems.stop_record import NEAR, STOP, TRUTH, stop_record
+from tests.problems.stop_record import NEAR, STOP, TRUTH
 
 
 def _impact_times(height, e, g, count):
     """Times at which a ball dropped from `height` hits the floor."""
     first = np.sqrt(2 * height / g)
     return first * np.array([1 + 2 * sum(e**k for k in range(1, n + 1)) for n in range(count)])
-
-
-@pytest.fixture(scope="module")
-def record():
-    """SciPy's motion of the stop, with noise, outliers and gaps."""
-    return stop_record()
-
-
-@pytest.fixture(scope="module")
-def near(record):
-    """A fit from a near guess."""
-    return fit(ElasticStop(**NEAR), record, **STOP)
 
 
 def test_six_parameters_are_recovered_in_few_iterations(near):

@@ -10,19 +10,7 @@ from hybridsens.estimation import GrowingHorizon, fit, measurements, prepare
 from hybridsens.estimation.horizon import Stage
 from hybridsens.estimation.problem import predict
 from hybridsens.scenes import BouncingBall, ElasticStop
-from tests.problems.stop_record import FAR, NEAR, STOP, TRUTH, stop_record
-
-
-@pytest.fixture(scope="module")
-def record():
-    """SciPy's motion of the stop, with noise, outliers and gaps."""
-    return stop_record()
-
-
-@pytest.fixture(scope="module")
-def near(record):
-    """A fit from a near guess."""
-    return fit(ElasticStop(**NEAR), record, **STOP)
+from tests.problems.stop_record import FAR, NEAR, STOP, TRUTH
 
 
 @pytest.mark.slow

@@ -7,34 +7,17 @@ import pytest
 
 import hybridsens as hs
 from tests.closeness import assert_close
+from tests.problems.balls import RestlessBall
 
 WITHIN = 1e-7
-
-
-class Ball(hs.AbstractScene):
-    """A ball that never rests; p = (x0, v0, g, e)."""
-
-    sustained_contact = False
-    p: jax.Array
-
-    def mass_matrix(self, q):
-        return jnp.eye(1)
-
-    def force(self, t, q, v):
-        return -self.p[2:3]
-
-    def gap(self, t, q):
-        return q
-
-    def restitution(self):
-        return self.p[3:4]
 
 
 def observed(p, t0, t1, ts):
     """(samples, both sides of the first event, integral of v^2), and the trajectory."""
     settings = dict(rtol=1e-10, atol=1e-10, max_events=4, max_steps=1000, throw=False)
     speed = lambda scene, t, q, v: v[0] ** 2
-    trajectory = hs.simulate(Ball(p), hs.State(p[:1], p[1:2]), t0=t0, t1=t1, ts=ts, running_cost=speed, **settings)
+    ball, start = RestlessBall(p[2], p[3]), hs.State(p[:1], p[1:2])
+    trajectory = hs.simulate(ball, start, t0=t0, t1=t1, ts=ts, running_cost=speed, **settings)
     samples = jnp.concatenate([trajectory.q, trajectory.v], axis=1)
     sides = [jnp.stack([side.q[0, 0], side.v[0, 0]]) for side in (trajectory.events.before, trajectory.events.after)]
     seen = samples, jnp.stack(sides), trajectory.cost
