@@ -13,6 +13,7 @@ import diffrax
 import numpy as np
 
 import hybridsens as hs
+from tests.problems import references
 
 from .machine import describe
 from .peers import reference
@@ -26,9 +27,9 @@ def errors(solver, tolerances):
     import jax
     import jax.numpy as jnp
 
-    from .our_problems import elastic_stop, squared
+    from tests.problems.reference_scenes import elastic_stop, squared
 
-    known = reference.load("P2")
+    known = references.load("P2")
     p = jnp.asarray(known.parameters)
 
     def cost(p, tolerance):

@@ -24,17 +24,16 @@ from jaxtyping import Array, Float  # noqa: E402
 
 from benchmarks.fit_against_naive import Found, differences, ours, scipys, timed  # noqa: E402
 from benchmarks.fit_motions import SLOWLY  # noqa: E402
-from benchmarks.fit_record import TRUTH, positions  # noqa: E402
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.estimation import measurements, prepare  # noqa: E402
 from hybridsens.estimation.descend import Room, descend  # noqa: E402
 from hybridsens.estimation.iterate import Pace  # noqa: E402
-from hybridsens.estimation.motions import Numerics  # noqa: E402
 from hybridsens.estimation.optimizers import method  # noqa: E402
 from hybridsens.estimation.problem import Problem  # noqa: E402
 from hybridsens.estimation.watch import Audience  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
+from tests.problems.stop_record import TRUTH, positions  # noqa: E402
 
 TIMES = np.linspace(0.05, 20.0, 400)
 BASE = 0.45
@@ -71,7 +70,7 @@ def problem(harmonics: int, seed: int) -> Problem:
     off = lambda value: value * (1 + 0.05 * random.uniform(-1, 1, np.shape(value)))
     scene = SeriesStop(**{name: jnp.asarray(off(TRUTH[name])) for name in FITTED[:-1]}, series=jnp.asarray(off(series)))
     data = measurements(TIMES, q + sigma * random.normal(size=q.size), sigma=sigma)
-    return prepare.problem(scene, data, Numerics(1e-8, 1e-8, 256, 4096), parameters=FITTED, bounds=BOUNDS)
+    return prepare.build_problem(scene, data, prepare.Unknowns(FITTED, BOUNDS))
 
 
 def by_gradients(problem: Problem) -> Found:

@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.fit_record import BOUNDS, TIMES, TRUTH, positions
 from hybridsens.estimation import GrowingHorizon, measurements, prepare
 from hybridsens.estimation.data import Measurements
-from hybridsens.estimation.motions import Numerics
 from hybridsens.estimation.problem import Problem
 from hybridsens.scenes import ElasticStop
+from tests.problems.stop_record import BOUNDS, TIMES, TRUTH, positions
 
 
 class Motion(NamedTuple):
@@ -69,7 +68,6 @@ def guess(motion: Motion, seed: int, error: float = 0.3, kind: str = "uniform") 
 
 def problem(motion: Motion, seed: int, error: float, tolerance: float) -> Problem:
     """The least-squares problem of a record, at a guess that is off."""
-    numerics = Numerics(tolerance, tolerance, 256, 4096)
-    return prepare.problem(
-        guess(motion, seed, error), record(motion, seed), numerics, parameters=list(motion.fitted), bounds=motion.bounds
-    )
+    experiment = prepare.Experiment(settings=prepare.SETTINGS | dict(rtol=tolerance, atol=tolerance))
+    unknowns = prepare.Unknowns(motion.fitted, motion.bounds)
+    return prepare.build_problem(guess(motion, seed, error), record(motion, seed), unknowns, experiment)

@@ -18,6 +18,7 @@ import sys
 import time
 
 import hybridsens as hs
+from tests.problems import references
 
 from .machine import describe, one_core
 from .peers import casadi_c, diffrax_chain, reference
@@ -47,9 +48,9 @@ def problem_row(problem: str) -> dict:
     import jax
     import jax.numpy as jnp
 
-    from .our_problems import cost
+    from tests.problems.reference_scenes import cost
 
-    known = reference.load(problem)
+    known = references.load(problem)
     p = jnp.asarray(known.parameters)
     ours = lambda p: cost(problem, p, TOLERANCE)
     chain = lambda p: diffrax_chain.cost(problem, p, TOLERANCE)
@@ -88,7 +89,7 @@ def chain_alone(problem: str) -> float:
 
     jax.config.update("jax_enable_x64", True)
     chain = lambda p: diffrax_chain.cost(problem, p, TOLERANCE)
-    return timed(jax.jit(jax.value_and_grad(chain)), jnp.asarray(reference.load(problem).parameters))[0]
+    return timed(jax.jit(jax.value_and_grad(chain)), jnp.asarray(references.load(problem).parameters))[0]
 
 
 def _casadi_seconds(problem: str, parameters, mode: str) -> float:
@@ -112,9 +113,9 @@ def batch_row(problem: str, lanes: int) -> dict:
     import jax
     import jax.numpy as jnp
 
-    from .our_problems import cost
+    from tests.problems.reference_scenes import cost
 
-    p = jnp.asarray(reference.load(problem).parameters)
+    p = jnp.asarray(references.load(problem).parameters)
     points = p * (1 + 1e-3 * jax.random.uniform(jax.random.key(0), (lanes, p.shape[0]), minval=-1.0))
     points = jnp.minimum(points, p)  # a restitution of 1 must not be passed
     ours = jax.grad(lambda p: cost(problem, p, TOLERANCE))

@@ -3,16 +3,13 @@
 Run as `python -m benchmarks.lagrangian_cost`. Both are timed in turns, and the least of each is told.
 """
 
-import sys
 import time
-from pathlib import Path
 
 import equinox as eqx
 import jax
 
 import hybridsens as hs
-
-ROOT = Path(__file__).parents[1]
+from tests.problems.energies import PAIRS, as_energies
 
 
 def motion(scene):
@@ -40,9 +37,6 @@ def least_times(programs, scenes, rounds=200):
 
 def main():
     hs.configure()
-    sys.path.insert(0, str(ROOT / "tests"))
-    from energies import PAIRS, as_energies
-
     for by_hand, energies in PAIRS:
         scenes = [by_hand(), as_energies(energies, by_hand())]
         energies.t1 = by_hand.t1

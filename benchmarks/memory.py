@@ -18,24 +18,14 @@ import sys
 import time
 from pathlib import Path
 
+from tests.problems.elastic_ball import GRAVITY, exact_slope
+
 from .machine import describe
 
 METHODS = (
     "Replay()", "Replay(recompute=True)", "ForwardSensitivities()", "ContinuousCostate()", "DiffraxAdjoint()",
 )  # fmt: skip
 COLUMNS = ("method", "plan", "running", "compiling", "error", "seconds", "impacts", "failure")
-GRAVITY = 9.81
-
-
-def exact_slope(impacts: int, horizon: float) -> float:
-    """d q(T)/d q0 of an elastic ball dropped from q0 = 1, after so many impacts.
-
-    t_1 = sqrt(2 q0/g), impact k at (2k - 1) t_1 with speed w = sqrt(2 g q0); q(T) = w s - g s^2/2 with
-    s = T - (2k - 1) t_1.
-    """
-    t1, w = math.sqrt(2 / GRAVITY), math.sqrt(2 * GRAVITY)
-    s, ds = horizon - (2 * impacts - 1) * t1, -(2 * impacts - 1) * t1 / 2
-    return w / 2 * s + w * ds - GRAVITY * s * ds
 
 
 def measure(method: str, impacts: int, tolerance: float) -> dict[str, float]:

@@ -3,8 +3,9 @@
     python -m benchmarks.naive_table              # P1 to P4; results/naive_table.csv, docs/naive-gradients.png
     python -m benchmarks.naive_table P2
 
-Errors are relative to references of 25 digits (`tests/references.json`). Methods with error control are run at several
-tolerances, those with fixed steps at several numbers of steps; springs keep their stiffness while the step shrinks.
+Errors are relative to references of 25 digits (`tests/problems/references.json`). Methods with error control are run at
+several tolerances, those with fixed steps at several numbers of steps; springs keep their stiffness while the step
+shrinks.
 """
 
 import argparse
@@ -18,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import hybridsens as hs
+from tests.problems import references
 
 from .machine import describe
 from .peers import reference
@@ -54,7 +56,7 @@ class Row(NamedTuple):
 
 def run_cost(problem: str, simulate: Callable, parameters):
     """The functional of a problem, moved by `simulate`, and the motion."""
-    from .our_problems import SCENES, squared
+    from tests.problems.reference_scenes import SCENES, squared
 
     scene_of, horizon, _ = SCENES[problem]
     scene, coordinate = scene_of(*parameters), COORDINATE.get(problem)
@@ -68,7 +70,7 @@ def ours(problem: str, tolerances) -> list[Row]:
     import jax
     import jax.numpy as jnp
 
-    room = dict(max_events=reference.load(problem).event_count + 3, max_steps=4096, throw=False)
+    room = dict(max_events=references.load(problem).event_count + 3, max_steps=4096, throw=False)
 
     def cost(p, tolerance):
         value, motion = run_cost(problem, partial(hs.simulate, rtol=tolerance, atol=tolerance, **room), p)
@@ -84,7 +86,7 @@ def naive(problem: str, tolerances, steps) -> list[Row]:
 
     from hybridsens.comparison.baselines import constant_event_time, events_at_step_end, penalty_contact, where_reset
 
-    room = reference.load(problem).event_count + 3
+    room = references.load(problem).event_count + 3
 
     def both(simulate):
         return jax.jit(jax.value_and_grad(lambda p: (run_cost(problem, simulate, p)[0], None), has_aux=True))
@@ -103,7 +105,7 @@ def _row(problem: str, method: str, tolerance, steps, both) -> Row:
     import jax
     import jax.numpy as jnp
 
-    p = jnp.asarray(reference.load(problem).parameters)
+    p = jnp.asarray(references.load(problem).parameters)
     (value, taken), gradient = both(p)
     found = reference.errors(problem, float(value), np.asarray(gradient), FUNCTIONAL.get(problem))
     seconds = reference.seconds_per_call(lambda: jax.block_until_ready(both(p)), repeats=3)

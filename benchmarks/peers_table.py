@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 import hybridsens as hs
+from tests.problems import references
 
 from .machine import describe
 from .peers import casadi_c, diffrax_chain, mjx_limits, numba_saltation, reference, torchdiffeq_events
@@ -47,7 +48,7 @@ def ours(problem: str, tolerance: float, *, adjoint):
     """This package, in the parameters of the reference problem."""
     import jax
 
-    from .our_problems import cost
+    from tests.problems.reference_scenes import cost
 
     value = lambda p: cost(problem, p, tolerance, adjoint)
     if isinstance(adjoint, hs.ForwardSensitivities):
@@ -128,7 +129,7 @@ def run_contender(problem: str, contender: Contender, tolerance: float) -> tuple
 
 
 def _measured(problem: str, contender: Contender, tolerance: float) -> tuple:
-    parameters = reference.load(problem).parameters
+    parameters = references.load(problem).parameters
     start = time.perf_counter()
     value, both = contender.build(problem, tolerance)
     cost, gradient = both(parameters)

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import hybridsens
-from benchmarks.peers import reference
 from hybridsens.scenes.shipped import parameter
+from tests.problems import references
 
 
 class Ball(hybridsens.AbstractScene):
@@ -80,7 +80,7 @@ PROBLEMS = {"P1": Problem(Ball, 2.0, 8, 64), "P2": Problem(Stop, 20.0, 8, 448)}
 
 def points(name: str, count: int, seed: int = 0) -> tuple[tuple[str, ...], np.ndarray]:
     """Names of the parameters, and points within 1 % of their nominal values, (point, parameter)."""
-    known = reference.load(name)
+    known = references.load(name)
     low, high = known.parameters * 0.99, np.minimum(known.parameters * 1.01, _highest(known.names))
     spread = np.random.default_rng(seed).random((count, len(known.parameters)))
     return known.names, np.minimum(low, high) + spread * abs(high - low)

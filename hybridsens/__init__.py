@@ -12,6 +12,7 @@ from .adjoint.methods import (
     ForwardSensitivities,
     Replay,
 )
+from .adjoint.step import RecordedStep, StepBack
 from .configure import configure
 from .delays import DelayQueue
 from .mechanics.discontinuities import DiscontinuityWarning
@@ -22,16 +23,23 @@ from .mechanics.switches import AbstractSwitchedScene
 from .mechanics.trajectory import Events, Trajectory
 from .outcome import SimulationError, Steps
 from .saved import load
+from .settings import Settings
 from .simulate import simulate
 from .solution import Solution, SolutionEvents
 from .solve import solve
-from .status import Status
 from .system import AbstractHybridSystem
 
+if TYPE_CHECKING:  # all outcomes by name, those of contacts too
+    from .mechanics.status import ContactStatus as Status
+else:
+    from .status import Status
+
 if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and editors
-    from .comparison.check_gradient import GradientCheck, check_gradient
-    from .comparison.compare import Comparison, compare
+    from .comparison.check_gradient import check_gradient
+    from .comparison.check_report import GradientCheck
+    from .comparison.compare import compare
     from .comparison.compare_plot import plot_comparison
+    from .comparison.compare_table import Comparison
     from .comparison.lyapunov import lyapunov
     from .comparison.work_precision import WorkPrecision, work_precision
     from .comparison.work_precision_plot import plot_work_precision
@@ -39,6 +47,7 @@ if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and edi
         FitResult,
         GrowingHorizon,
         Measurements,
+        RandomStarts,
         fit,
         measurements,
         read_measurements,
@@ -61,9 +70,9 @@ if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and edi
 __version__ = version("hybridsens")
 
 _STUDIES = {
-    "GradientCheck": "comparison.check_gradient",
+    "GradientCheck": "comparison.check_report",
     "check_gradient": "comparison.check_gradient",
-    "Comparison": "comparison.compare",
+    "Comparison": "comparison.compare_table",
     "compare": "comparison.compare",
     "plot_comparison": "comparison.compare_plot",
     "WorkPrecision": "comparison.work_precision",
@@ -73,6 +82,7 @@ _STUDIES = {
     "FitResult": "estimation",
     "GrowingHorizon": "estimation",
     "Measurements": "estimation",
+    "RandomStarts": "estimation",
     "fit": "estimation",
     "measurements": "estimation",
     "read_measurements": "estimation",
@@ -118,12 +128,16 @@ __all__ = [
     "GrowingHorizon",
     "LagrangianScene",
     "Measurements",
+    "RandomStarts",
+    "RecordedStep",
     "Replay",
+    "Settings",
     "SimulationError",
     "Solution",
     "SolutionEvents",
     "State",
     "Status",
+    "StepBack",
     "Steps",
     "Trajectory",
     "WorkPrecision",

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 
-from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
+from .adjoint.methods import AbstractGradientMethod, Replay
 from .passes import BackwardOptions, Options, Problem, go_back, go_forward
 from .reported import Reported, report
 from .validation.direction import FORWARD_OVER_REVERSE, forward_only
@@ -18,12 +18,12 @@ def differentiable_motion(
 ) -> Reported:
     """Motion of a hybrid system from (t0, x0) to t1, differentiable in all of `problem`.
 
-    With `Replay()` in reverse mode (and forward over reverse), with `ForwardSensitivities()` in forward mode.
+    In reverse mode, and forward over reverse, or in forward mode where the gradient method serves that.
     """
     problem = problem._replace(system=TracedOnce(problem.system))
     # JAX traces the rule below under the mesh that it finds, named; were it not named here, all would be traced twice.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
-        if isinstance(adjoint, ForwardSensitivities):
+        if adjoint is not None and adjoint.forward_mode:
             return _forward(problem, options)[0]
         return _solve_in_reverse(problem, options, adjoint or Replay())
 

@@ -75,7 +75,7 @@ def _spoil_jvp(primals, tangents):
 
 
 def _message(code) -> str:
-    return f"The motion did not reach its end: {Status[_status(code)]}"
+    return f"The motion did not reach its end: {_status(code).message}"
 
 
 def _status(code) -> Any:

@@ -14,7 +14,6 @@ from .adjoint.control import DerivativeControl, control_order
 from .adjoint.forward_sensitivity import ForwardPass, push_forward
 from .adjoint.methods import AbstractGradientMethod
 from .adjoint.segment_steps import recomputed_steps, recorded_steps
-from .adjoint.step_adjoint import step_adjoint
 from .adjoint.steps_back import BackwardPass, Cotangents
 from .flat_system import AbstractFlatSystem, Mode
 from .forward.method import Method
@@ -109,8 +108,9 @@ def _pull_back(problem: Problem, options: Options, motion: Motion, bar: Reported
     time, before, after, emitted = by_events
     cotangents = Cotangents(final, time, before, after, emitted, bar.samples)
     ts = None if bar.samples is None else problem.ts
-    carry_back = step_adjoint(way.adjoint, replay, method.derivative_rtol != math.inf)
-    backward = BackwardPass(parameters, static, carry_back, _control(method, replay), cotangents, ts)
+    controlled = method.derivative_rtol != math.inf
+    control = _control(method, replay)
+    backward = BackwardPass(parameters, static, way.adjoint, replay, controlled, control, cotangents, ts)
     start = (problem.t0, problem.x0)
     find_steps = recorded_steps
     if method.segment_steps is not None:

@@ -1,7 +1,8 @@
 """Settings of a motion, checked: tolerances, the longest step, room, the methods."""
 
 import warnings
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypedDict
 
 import diffrax
 import equinox as eqx
@@ -10,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .adjoint.methods import AbstractGradientMethod, Replay
+from .adjoint.methods import AbstractGradientMethod
 from .forward.method import Method
 from .status import Status
 from .validation.arguments import real_fraction, real_tolerance
 from .validation.direction import not_differentiable
+from .validation.spelling import did_you_mean
 
 
 def _tolerances(rtol, atol, dtype):
@@ -31,6 +33,41 @@ def _tolerances(rtol, atol, dtype):
         )
         return max(rtol, finest), max(atol, finest) if dtype == jnp.float32 else atol
     return rtol, atol
+
+
+class Settings(TypedDict, total=False):
+    """How motions are computed. Every study takes these by name and hands them on to `simulate` or `solve`, as in
+    `hs.fit(scene, data, rtol=1e-10, max_events=500)`. What is left out is as the study says, or else as these have it.
+    """
+
+    solver: diffrax.AbstractSolver | None
+    """Any Diffrax solver with an error estimate."""
+    rtol: float | Array
+    """Relative tolerance of a step,"""
+    atol: float | Array
+    """and the absolute one."""
+    max_events: int
+    """Room for events,"""
+    max_steps: int
+    """and for steps tried."""
+    max_step: float | Array | None
+    """Longest step [s]."""
+    capture_speed: float | Array | None
+    """Of a mechanical scene: when a cascade of impacts ends in sustained contact."""
+
+
+def chosen_settings(study: str, given: Mapping[str, Any], own: Mapping[str, Any], varied: tuple[str, ...] = ()) -> dict:
+    """The settings of a study: its own, replaced by those that are given.
+
+    Raises: TypeError for what is no setting, and for one that the study varies by itself."""
+    known = [name for name in Settings.__annotations__ if name not in varied]
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise TypeError(
+            f"`{study}` must have settings among {', '.join(known)}, but has {', '.join(unknown)}."
+            f"{did_you_mean(unknown, known)}"
+        )
+    return {**own, **given}
 
 
 class Numbers(NamedTuple):
@@ -70,13 +107,13 @@ def horizon_status(t0, t1, ts, method: Method, capture_speed: float | Array = 0.
     return status
 
 
-def segment_steps(adjoint, ts) -> int | None:
-    """Room for the steps of a segment where they are not recorded."""
-    if not isinstance(adjoint, Replay) or not adjoint.recompute:
-        return None
-    if ts is not None:
+def segment_room(adjoint: AbstractGradientMethod, ts) -> int | None:
+    """Room for the steps of a segment where they are not recorded.
+
+    Raises: ValueError where samples need recorded ones."""
+    if adjoint.segment_room is not None and ts is not None:
         raise ValueError("`ts` needs recorded steps, which Replay(recompute=True) does not keep: use Replay().")
-    return adjoint.segment_steps
+    return adjoint.segment_room
 
 
 def check_settings(max_events, max_steps, solver, adjoint, throw):

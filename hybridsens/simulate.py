@@ -12,7 +12,7 @@ import jax.core
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
+from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .forward.method import Method
 from .mechanics.checks import check_room, check_shapes
@@ -31,7 +31,7 @@ from .mechanics.typed import Fixed, TypedScene, number
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
 from .reported import Reported
-from .settings import check_settings, given_numbers, horizon_status, segment_steps
+from .settings import check_settings, given_numbers, horizon_status, segment_room
 from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.direction import forward_only, reverse_only
@@ -120,22 +120,21 @@ def simulate(
     mode = mode_as_arrays(mode)
     scene, running_cost, switching = _prepared(scene, running_cost, t0, state, mode)
     adjoint = adjoint or Replay()
-    room = max_events, max_steps, segment_steps(adjoint, ts)
+    room = max_events, max_steps, segment_room(adjoint, ts)
     check_room(max_events, room[2] or max_steps, state)
     method = Method(solver or diffrax.Tsit5(), numbers.rtol, numbers.atol, *room, numbers.max_step, adjoint.step_rtol)
     fixed = (numbers.capture_speed, numbers.rtol, numbers.atol)
     cut, *depth = (x if isinstance(x, float) else Fixed.of(x, state.q.dtype) for x in fixed)
     contacts = MechanicalSystem(scene, running_cost, cut, state.q.shape[0], (depth[0], depth[1]), jump_ts)
     system = contacts if switching is None else SwitchedSystem(contacts, *switching, mode)
-    forward = isinstance(adjoint, ForwardSensitivities)
-    if not forward:
+    if not adjoint.forward_mode:
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
     trajectory = _simulate(system, state, t0, t1, ts, method, adjoint)
     if throw == "nan":
         trajectory = nan_unless_reached(trajectory, (system, state, t0, t1, ts))
     elif throw:
         trajectory = raise_unless_successful(trajectory)
-    trajectory = forward_only(trajectory) if forward else trajectory
+    trajectory = forward_only(trajectory) if adjoint.forward_mode else trajectory
     known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
     return trajectory.come_from(again.args[0], again) if known else trajectory
 

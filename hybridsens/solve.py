@@ -10,14 +10,14 @@ import jax.core
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
+from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .flattened import FlattenedSystem
 from .forward.method import Method
 from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
-from .settings import check_settings, given_numbers, horizon_status, segment_steps
+from .settings import check_settings, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
 from .system import AbstractHybridSystem
 from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays
@@ -96,10 +96,9 @@ def solve(
     )  # fmt: skip
     numbers = _numbers((rtol, atol, max_step), (system, x0, t0, t1, ts), dtype)
     rtol, atol, max_step = numbers
-    room = max_events, max_steps, segment_steps(adjoint, ts)
+    room = max_events, max_steps, segment_room(adjoint, ts)
     method = Method(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
-    forward = isinstance(adjoint, ForwardSensitivities)
-    if not forward:
+    if not adjoint.forward_mode:
         system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
     flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), *counts, mode)
     solution = _solve(flat, x0, mode, (t0, t1, ts), method, adjoint, Shapes.of(cost))
@@ -107,7 +106,7 @@ def solve(
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:
         solution = raise_unless_successful(solution, last_events)
-    solution = forward_only(solution) if forward else solution
+    solution = forward_only(solution) if adjoint.forward_mode else solution
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 
 

@@ -1,53 +1,135 @@
 """How a motion ended. Every message says what to do."""
 
+from typing import Any, NamedTuple
+
 import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
 
 
-class Status(eqx.Enumeration):
-    """Outcome of a run; `Status[status]` is its message."""
+class _Outcome(NamedTuple):
+    """An outcome that has no code yet."""
 
-    successful = ""
-    running = "the motion has not reached its end (this is a state inside the loop, not an outcome)."
-    max_events_reached = (
-        "the motion had more events than `max_events`. Raise `max_events`; or, if impacts accumulate, raise "
-        "`capture_speed` so that the cascade ends in sustained contact."
-    )
-    max_steps_reached = (
+    message: str
+
+
+def outcome(message: str) -> Any:
+    """One outcome: an attribute of a class that `numbered` is given."""
+    return _Outcome(message)
+
+
+class Status(eqx.Module):
+    """How a motion ended; `status.message`, or `Status[status]`, says what to do. The statuses of a batch are one
+    status with an array of codes.
+
+    Parts of the package that know more of a motion than that it has events add outcomes of their own; see `numbered`.
+    """
+
+    code: Int[Array | np.ndarray, "*batch"]
+    """Place in `names()`."""
+
+    successful = outcome("")
+    running = outcome("the motion has not reached its end (this is a state inside the loop, not an outcome).")
+    max_events_reached = outcome("the motion had more events than `max_events`. Raise `max_events`.")
+    max_steps_reached = outcome(
         "the motion needed more steps than `max_steps`. Raise `max_steps`, loosen `rtol` and `atol`, or use an "
-        "implicit solver if the forces are stiff."
+        "implicit solver if the flow is stiff."
     )
-    step_size_underflow = (
-        "the step size fell below the resolution of time. The forces may be stiff or singular near the last time "
+    step_size_underflow = outcome(
+        "the step size fell below the resolution of time. The flow may be stiff or singular near the last time "
         "reached; `rtol` and `atol` may be too tight for the floating point type."
     )
-    gap_not_smooth = (
-        "near the last time reached a gap jumps, or has a corner while its contact is held closed; the laws of contact "
-        "say nothing of either. Write two gaps in place of a `jnp.minimum`, round off the edge of a `jnp.maximum` or "
-        "of a table (by `jnp.logaddexp`, or a spline), and let a gap that depends on time move without a jump."
+    non_finite = outcome(
+        "a state, its flow, or a guard or its rate is not finite. Look at these and at the running cost, and at their "
+        "derivatives, at the last time reached (the derivative of `jnp.where` is nan where that of the branch that was "
+        "not taken is)."
     )
-    non_finite = (
-        "a state, a force, or a gap or its rate is not finite. Look at the force, mass matrix, gap and running cost, "
-        "and at their derivatives, at the last time reached (the derivative of `jnp.where` is nan where that of the "
-        "branch that was not taken is)."
-    )
-    grazing = (
-        "the motion reached its end, but touched or missed a contact so narrowly that the tolerances cannot tell "
+    grazing = outcome(
+        "the motion reached its end, but touched or missed an event so narrowly that the tolerances cannot tell "
         "which. Values are right to the order of its speed; derivatives are not (at grazing they do not exist). "
         "Tighten `rtol` and `atol`, leave this parameter value out, or accept it with `throw=False`."
     )
-    event_repeats = (
-        "an event happened again at the instant at which it had just happened, and would for ever. A contact would "
-        "stay closed: if the scene sets `sustained_contact = False`, set it to True; otherwise the laws of contact "
-        "have no solution there. Switches chatter: set their thresholds apart, or give the system a mode that slides."
+    event_repeats = outcome(
+        "an event happened again at the instant at which it had just happened, and would for ever. Where switches "
+        "chatter, set their thresholds apart, or give the system a mode that slides."
     )
-    scheduled_time_moves = (
+    scheduled_time_moves = outcome(
         "a scheduled time changes between events, so it is not known before it comes. Make it from parameters, the "
         "mode and parts of the state whose flow is 0; for a time that depends on the rest write a guard."
     )
-    queue_full = "more delayed events were waiting at once than the `DelayQueue` has places. Make it larger."
-    penetration = "the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component."
-    bad_horizon = "the end of the horizon must be later than its start, t1 > t0, and both must be finite."
-    unsorted_times = "`ts` must be sorted in increasing order and lie within [t0, t1]."
-    bad_restitution = "every coefficient of restitution must lie in [0, 1]."
-    bad_mass_matrix = "the mass matrix must be symmetric positive definite at the start and at every event, and is not."
-    bad_tolerance = "`rtol` and `atol` must be positive and finite, and `capture_speed` must lie in [0, 1)."
+    queue_full = outcome("more delayed events were waiting at once than the `DelayQueue` has places. Make it larger.")
+    bad_horizon = outcome("the end of the horizon must be later than its start, t1 > t0, and both must be finite.")
+    unsorted_times = outcome("`ts` must be sorted in increasing order and lie within [t0, t1].")
+    bad_tolerance = outcome("`rtol` and `atol` must be positive and finite.")
+
+    @staticmethod
+    def names() -> tuple[str, ...]:
+        """Names of all outcomes, in the order of their codes."""
+        return tuple(_MESSAGES)
+
+    @staticmethod
+    def messages() -> tuple[str, ...]:
+        """What each of them means, and what to do."""
+        return tuple(_MESSAGES.values())
+
+    @staticmethod
+    def where(condition: Any, chosen: "Status", otherwise: "Status") -> "Status":
+        """One status or the other."""
+        if chosen.code is otherwise.code:
+            return chosen
+        with jax.ensure_compile_time_eval():
+            return Status(jnp.where(condition, chosen.code, otherwise.code))
+
+    @property
+    def message(self) -> str:
+        """What it means, and what to do; empty for success."""
+        if isinstance(self.code, jax.core.Tracer):
+            return "traced"
+        if not eqx.is_array_like(self.code):  # a tree of something else, such as shapes
+            return "unknown"
+        return str(np.vectorize(Status.messages().__getitem__)(self.code))
+
+    def __class_getitem__(cls, status: "Status") -> str:
+        if not isinstance(status, Status):
+            raise TypeError(f"Status[...] must be given a status, but is given a {type(status).__name__}.")
+        return status.message
+
+    def __eq__(self, other: Any) -> Bool[Array, "*batch"]:  # type: ignore[override]
+        if not isinstance(other, Status):
+            raise TypeError(f"A status must be compared with a status, but is with a {type(other).__name__}.")
+        with jax.ensure_compile_time_eval():
+            return jnp.asarray(self.code == other.code)
+
+    def __ne__(self, other: Any) -> Bool[Array, "*batch"]:  # type: ignore[override]
+        return ~(self == other)
+
+    def __repr__(self) -> str:
+        return f"Status<{self.message}>"
+
+
+_MESSAGES: dict[str, str] = {}
+
+
+def numbered(cls: type) -> type:
+    """Give every `outcome` of a class the next code and make it an attribute of `Status` too.
+
+    So whatever moves shares one kind of status, and any two of them can be compared and chosen from."""
+    for name, value in list(vars(cls).items()):
+        if isinstance(value, _Outcome):
+            status = Status(np.array(len(_MESSAGES), np.int32))
+            _MESSAGES[name] = value.message
+            setattr(cls, name, status)
+            setattr(Status, name, status)
+    return cls
+
+
+def add_remark(status: Status, text: str) -> None:
+    """More to the message of an outcome, from a part of the package that knows more of it."""
+    name = Status.names()[int(status.code)]
+    _MESSAGES[name] = f"{_MESSAGES[name]} {text}"
+
+
+numbered(Status)

@@ -12,17 +12,21 @@ import hybridsens  # noqa: E402
 
 hybridsens.configure()
 
-CORE = ("complementarity", "dense", "facade", "front_door", "interval", "jump", "layout", "references", "scheduled")
+CORE = (
+    "mechanics/test_complementarity", "numerics/test_dense", "test_facade", "test_front_door", "interval/test_interval",
+    "adjoint/test_jump", "test_layout", "accuracy/test_references", "test_scheduled",
+)  # fmt: skip
 """Files of the first look: laws of an instant, jumps, digits of the references, the front door, the layout."""
+HERE = Path(__file__).parent
 
 
 def pytest_collection_modifyitems(items):
     for item in items:
-        if item.path.stem.removeprefix("test_") in CORE:
+        if item.path.relative_to(HERE).with_suffix("").as_posix() in CORE:
             item.add_marker("core")
 
 
 # Test time is compile time: programs that were compiled once are kept beside the checkout.
-jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / ".jax_cache"))
+jax.config.update("jax_compilation_cache_dir", str(HERE.parent / ".jax_cache"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

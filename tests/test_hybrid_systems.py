@@ -4,13 +4,13 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import pytest
-from closeness import assert_close
 
 import hybridsens as hs
 from hybridsens.differentiable import differentiable_motion
 from hybridsens.flat_system import AbstractFlatSystem, Decision
 from hybridsens.forward.method import Method
 from hybridsens.passes import Options, Problem
+from tests.closeness import assert_close
 
 WITHIN = 1e-9
 

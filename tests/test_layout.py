@@ -8,6 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "hybridsens"
+TESTS = ROOT / "tests"
 METHOD = {"forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
     "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch"
@@ -62,27 +63,22 @@ def _name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
 
-def _imports(path: Path) -> set[str]:
-    """Modules of the package that a file imports, wherever the import stands, but for those of types alone."""
+NAMES = {_name(path).removesuffix(".__init__") for path in MODULES}
+
+
+def _imports(path: Path, of: str = "hybridsens") -> set[str]:
+    """Modules of a package that a file imports, wherever the import stands: in functions and for types alone too."""
     package = _name(path).split(".")[:-1]
     found = set()
-    for node in ast.walk(_WithoutTypeChecking().visit(ast.parse(path.read_text()))):
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             origin = base + (node.module.split(".") if node.module else [])
-            if not node.module:
-                found |= {".".join([*origin, alias.name]) for alias in node.names}
-            else:
-                found.add(".".join(origin))
+            names = {".".join([*origin, alias.name]) for alias in node.names}
+            found |= {name if name in NAMES else ".".join(origin) for name in names}
         elif isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-    return {name for name in found if name.split(".")[0] == "hybridsens"}
-
-
-class _WithoutTypeChecking(ast.NodeTransformer):
-    def visit_If(self, node):
-        typing_only = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-        return None if typing_only else self.generic_visit(node)
+    return {name for name in found if name.split(".")[0] == of}
 
 
 def _part(name: str) -> str:
@@ -99,7 +95,8 @@ def test_a_file_imports_only_from_floors_above_it(path):
 
 
 def test_imports_form_no_circle():
-    """A reader can take the files in an order in which each one needs only those before it."""
+    """A reader can take the files in an order in which each one needs only those before it: nothing is imported later,
+    or for its type alone, to get round that."""
     packages = {_name(path.parent): _name(path) for path in MODULES if path.name == "__init__.py"}
     graph = {_name(path): {packages.get(name, name) for name in _imports(path)} - {_name(path)} for path in MODULES}
     assert len(list(graphlib.TopologicalSorter(graph).static_order())) >= len(MODULES)
@@ -115,8 +112,17 @@ def test_files_are_small_and_have_a_subject():
 
 def test_every_test_and_every_benchmark_is_in_its_index():
     """A page leads from a claim to its test, another from a question to its benchmark."""
-    told = (ROOT / "tests" / "README.md").read_text()
-    assert [path.stem for path in (ROOT / "tests").glob("test_*.py") if f"`{path.stem}`" not in told] == []
+    told = (TESTS / "README.md").read_text()
+    names = [path.relative_to(TESTS).with_suffix("").as_posix() for path in TESTS.rglob("test_*.py")]
+    assert names and [name for name in names if f"`{name}`" not in told] == []
     told = (ROOT / "benchmarks" / "README.md").read_text()
     files = [path for path in (ROOT / "benchmarks").rglob("*.py") if path.parent.name != "peers"]
     assert [path.stem for path in files if path.stem not in told and not path.stem.startswith("_")] == []
+
+
+def test_tests_mirror_the_package():
+    """Who knows where something is knows where its tests are; and tests stand on their own."""
+    folders = {path.name for path in PACKAGE.iterdir() if path.is_dir()} | {"accuracy", "docs", "problems"}
+    assert {path.parent.name for path in TESTS.rglob("*.py") if path.parent != TESTS} <= folders
+    origins = {path: _imports(path, "benchmarks") for path in TESTS.rglob("*.py")}
+    assert origins and {path for path, names in origins.items() if names} == set()

@@ -7,33 +7,16 @@ import pytest
 from jax.sharding import AxisType, PartitionSpec
 
 import hybridsens as hs
+from tests.problems.balls import RestlessBall
 
 W = jnp.array(9.81)
 SENTENCE = "The motion did not reach its end: the motion had more events than `max_events`. Raise `max_events`"
 
 
-class Ball(hs.AbstractScene):
-    """A ball that never rests."""
-
-    sustained_contact = False
-    weight: jax.Array
-
-    def mass_matrix(self, q):
-        return jnp.eye(1)
-
-    def force(self, t, q, v):
-        return -self.weight[None]
-
-    def gap(self, t, q):
-        return q
-
-    def restitution(self):
-        return jnp.full(1, 0.8)
-
-
 def final(weight, throw=True, t1=5.0):
     """Breaks off at its third impact, at the default time."""
-    motion = hs.simulate(Ball(weight), hs.State([1.0], [0.0]), t1=t1, max_events=2, max_steps=100, throw=throw)
+    ball = RestlessBall(weight, jnp.array(0.8))
+    motion = hs.simulate(ball, hs.State([1.0], [0.0]), t1=t1, max_events=2, max_steps=100, throw=throw)
     return motion.final.q[0]
 
 

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from closeness import assert_close
 
 import hybridsens as hs
+from tests.closeness import assert_close
 
 BOTH = pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
 TIGHT = dict(rtol=1e-11, atol=1e-11)

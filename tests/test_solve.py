@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from closeness import assert_close
-from hybrid_problems import Ball, Dominoes, Lines, Neuron, Oscillator, Overflow, Thermostat
 
 import hybridsens as hs
+from tests.closeness import assert_close
+from tests.problems.hybrid_systems import Ball, Dominoes, Lines, Neuron, Oscillator, Overflow, Thermostat
 
 BOTH = pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
 TIGHT = dict(rtol=1e-12, atol=1e-12)

@@ -3,10 +3,10 @@
 import jax
 import jax.numpy as jnp
 import pytest
-from closeness import assert_close
-from hybrid_problems import Ball, Oscillator
 
 import hybridsens as hs
+from tests.closeness import assert_close
+from tests.problems.hybrid_systems import Ball, Oscillator
 
 
 def test_transformations():

@@ -5,9 +5,9 @@ import functools
 import jax
 import jax.numpy as jnp
 import pytest
-from closeness import assert_close
 
 import hybridsens as hs
+from tests.closeness import assert_close
 
 
 class Ball(hs.AbstractScene):

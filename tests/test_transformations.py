@@ -3,36 +3,23 @@
 import jax
 import jax.numpy as jnp
 import pytest
-from closeness import assert_close
 
 import hybridsens as hs
+from tests.closeness import assert_close
+from tests.problems.balls import RestlessBall
 
 T1 = 1.0
 
 
-class Ball(hs.AbstractScene):
-    """A ball that never rests; p = (q0, g, e)."""
-
-    sustained_contact = False
-    p: jax.Array
-
-    def mass_matrix(self, q):
-        return jnp.eye(1)
-
-    def force(self, t, q, v):
-        return -self.p[1:2]
-
-    def gap(self, t, q):
-        return q
-
-    def restitution(self):
-        return self.p[2:3]
+def ball(p):
+    """Of p = (q0, g, e)."""
+    return RestlessBall(p[1], p[2])
 
 
 def height(p, adjoint=None):
     """Height of the ball at T1."""
     settings = dict(rtol=1e-9, atol=1e-9, max_events=16, max_steps=400, adjoint=adjoint)
-    return hs.simulate(Ball(p), hs.State(p[:1], jnp.zeros(1)), t1=T1, **settings).final.q[0]
+    return hs.simulate(ball(p), hs.State(p[:1], jnp.zeros(1)), t1=T1, **settings).final.q[0]
 
 
 def exact(p):
@@ -71,7 +58,7 @@ def test_batched_values_are_unbatched_values():
     def run(p):
         ts = jnp.linspace(0.0, T1, 5)
         start = hs.State(p[:1], jnp.zeros(1))
-        return hs.simulate(Ball(p), start, t1=T1, ts=ts, rtol=1e-9, atol=1e-9, max_events=16, max_steps=400)
+        return hs.simulate(ball(p), start, t1=T1, ts=ts, rtol=1e-9, atol=1e-9, max_events=16, max_steps=400)
 
     alone, batch = jax.jit(run), jax.jit(jax.vmap(run))(LANES)
     assert batch.events.count.tolist() == [1, 2, 0, 1]
@@ -91,7 +78,7 @@ def test_one_compilation_serves_any_number_of_events():
     def value(p, t1):
         traced.append(1)
         start = hs.State(p[:1], jnp.zeros(1))
-        trajectory = hs.simulate(Ball(p), start, t1=t1, rtol=1e-9, atol=1e-9, max_events=16, max_steps=400)
+        trajectory = hs.simulate(ball(p), start, t1=t1, rtol=1e-9, atol=1e-9, max_events=16, max_steps=400)
         return trajectory.final.q[0], trajectory.events.count
 
     compiled = jax.jit(value)
@@ -109,7 +96,7 @@ def test_a_plain_call_compiles_once_too():
             compilations.append(event)
 
     def call(factor, t1):
-        return hs.simulate(Ball(factor * P), hs.State(jnp.ones(1), jnp.zeros(1)), t1=t1, max_events=16, max_steps=400)
+        return hs.simulate(ball(factor * P), hs.State(jnp.ones(1), jnp.zeros(1)), t1=t1, max_events=16, max_steps=400)
 
     jax.monitoring.register_event_duration_secs_listener(count)
     call(jnp.array(1.0), 0.4)
@@ -125,7 +112,7 @@ def test_other_tolerances_do_not_compile_anew():
     compilations = []
     count = lambda event, _, **__: compilations.append(event) if "backend_compile" in event else None
     start, room = hs.State(jnp.ones(1), jnp.zeros(1)), dict(max_events=16, max_steps=400)
-    call = lambda **settings: hs.simulate(Ball(P), start, t1=1.0, **(dict(max_step=1.0) | settings), **room)
+    call = lambda **settings: hs.simulate(ball(P), start, t1=1.0, **(dict(max_step=1.0) | settings), **room)
     jax.monitoring.register_event_duration_secs_listener(count)
     coarse = call(rtol=1e-6, atol=1e-6)
     compilations.clear()

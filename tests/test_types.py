@@ -3,9 +3,9 @@
 import jax
 import jax.numpy as jnp
 import pytest
-from closeness import assert_close
 
 import hybridsens as hs
+from tests.closeness import assert_close
 
 SETTINGS = dict(t1=1.0, rtol=1e-6, atol=1e-6, max_events=4, max_steps=200)
 """A ball that is dropped from 1 bounces once until then."""

@@ -1,6 +1,6 @@
 """Events at the start, the end and data times, two at one instant, a clock far from zero, many periods.
 
-    python -m benchmarks.extremes.coincidences
+python -m benchmarks.extremes.coincidences
 """
 
 import argparse
@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import hybridsens as hs
+from tests.problems import one_contact as one
+from tests.problems.flat_contacts import make, run
 
-from . import one_contact as one
-from .mass_ratios import make, run
 from .report import Row, main_of, status_name
 
 GRAVITY = 9.81

@@ -1,6 +1,6 @@
 """An elastic ball over 1,000 to 100,000 impacts: energy, event times, gradient in closed form; memory and time.
 
-    python -m benchmarks.extremes.long_chains --impacts 1000 10000 100000
+python -m benchmarks.extremes.long_chains --impacts 1000 10000 100000
 """
 
 import argparse
@@ -10,10 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import hybridsens as hs
-from hybridsens.scenes import BouncingBall
+from tests.problems.elastic_ball import GRAVITY, chain_errors, exact_slope, final_height_of
 
-from ..memory import GRAVITY, exact_slope
 from .report import Row, main_of, status_name
 
 
@@ -45,32 +43,6 @@ def _shortest_time(compiled, repeats: int = 5) -> float:
         jax.block_until_ready(compiled(jnp.array(1.0)))
         times.append(time.perf_counter() - start)
     return min(times)
-
-
-def final_height_of(count: int, horizon: float):
-    """Where the ball is at the horizon, as a function of the height that it is dropped from, and its motion."""
-    def final_height(height):
-        scene = BouncingBall(height=height, restitution_coefficient=1.0)
-        motion = hs.simulate(
-            scene, scene.initial_state(), t1=horizon, max_events=count + 2, max_steps=6 * count, throw=False
-        )
-        return motion.final.q[0], motion
-
-    return final_height
-
-
-def chain_errors(motion: hs.Trajectory, count: int) -> dict[str, float]:
-    """Relative errors of an elastic ball dropped from 1: t_k = (2 k - 1) sqrt(2 / g), v^2 / (2 g) + q = 1."""
-    happened = int(motion.events.count)
-    times = np.asarray(motion.events.time[:happened])
-    exact = (2 * np.arange(1, happened + 1) - 1) * np.sqrt(2 / GRAVITY)
-    after = motion.events.after
-    energies = np.asarray(after.v[:happened, 0]) ** 2 / (2 * GRAVITY) + np.asarray(after.q[:happened, 0])
-    return {
-        "impacts missed or made up": abs(happened - count),
-        "event times, relative": np.max(np.abs(times / exact - 1)),
-        "energy drift, relative": np.max(np.abs(energies - 1)),
-    }
 
 
 def main() -> None:

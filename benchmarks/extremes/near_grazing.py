@@ -1,13 +1,14 @@
 """Impacts ever closer to grazing: the gradient's relative error against tolerance / speed, and who says so beyond.
 
-    python -m benchmarks.extremes.near_grazing
+python -m benchmarks.extremes.near_grazing
 """
 
 import argparse
 
 import numpy as np
 
-from . import one_contact as one
+from tests.problems import one_contact as one
+
 from .report import Row, main_of, status_name
 
 SPEEDS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 0.0)

@@ -1,6 +1,6 @@
 """Outside codes on the same scenes: SciPy's event-driven DOP853 chain and CasADi; event times and final states.
 
-    python -m benchmarks.extremes.outside_code
+python -m benchmarks.extremes.outside_code
 """
 
 import argparse
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import hybridsens as hs
+from tests.problems import references
 
 from ..peers import casadi_c, reference
 from .report import Row, main_of, status_name
@@ -85,7 +86,7 @@ def against_casadi() -> list[Row]:
     rows = []
     for problem in ("P1", "P2", "P4"):
         _, gradient = casadi_c.build(problem)
-        found = reference.errors(problem, *gradient(reference.load(problem).parameters))
+        found = reference.errors(problem, *gradient(references.load(problem).parameters))
         rows.append(Row("CasADi", "J", problem, found.value))
         rows.append(Row("CasADi", "gradient of J", problem, found.gradient))
     return rows

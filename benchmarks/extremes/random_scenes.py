@@ -21,8 +21,8 @@ LAW_TOLERANCE = 1e-5
 
 def study(scenes: int, every: int = 5) -> list[Row]:
     """Laws of `scenes` motions, derivatives of every fifth."""
-    from . import scenes_at_random as at_random
-    from .laws import violations
+    from tests.problems import scenes_at_random as at_random
+    from tests.problems.laws import violations
 
     worst: dict[str, float] = collections.defaultdict(float)
     ends: collections.Counter[str] = collections.Counter()

@@ -1,6 +1,6 @@
 """float32 throughout: what accuracy value and gradient reach, and that no impact is missed.
 
-    python -m benchmarks.extremes.single_precision
+python -m benchmarks.extremes.single_precision
 """
 
 import argparse
@@ -9,7 +9,8 @@ import warnings
 import jax.numpy as jnp
 import numpy as np
 
-from . import one_contact as one
+from tests.problems import one_contact as one
+
 from .report import Row, main_of, status_name
 
 

@@ -10,7 +10,8 @@ import argparse
 
 import jax.numpy as jnp
 
-from . import one_contact as one
+from tests.problems import one_contact as one
+
 from .report import Row, main_of, status_name
 
 UNITS = {

@@ -1,6 +1,6 @@
 """Impacts that accumulate: restitution 0.01 to 0.99, on the flat and on an incline, against the limit of the series.
 
-    python -m benchmarks.extremes.zeno
+python -m benchmarks.extremes.zeno
 """
 
 import argparse
@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import hybridsens as hs
+from tests.problems import one_contact as one
 
-from . import one_contact as one
 from .report import Row, main_of, status_name
 
 GRAVITY = 9.81

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.problems import references
+
 from . import reference
 from .casadi_problems import PROBLEMS
 
@@ -63,7 +65,7 @@ def functions(problem: str, steps: int, mode: str = "adjoint"):
 
     `mode` is "adjoint" or "forward", one sensitivity direction per parameter.
     """
-    count = len(reference.load(problem).parameters)
+    count = len(references.load(problem).parameters)
     t, p, index, none = ca.SX.sym("t"), ca.SX.sym("p", count), ca.SX.sym("index"), ca.SX.sym("none", 0)
     x, rate, running_cost, gaps, after, start, horizon = PROBLEMS[problem](t, p)
     x, outcomes = ca.vertcat(*x), [ca.vertcat(*state) for state in after]
@@ -137,7 +139,7 @@ def main(batch_size: int = 200) -> None:
     reference.require(available())
     reference.print_header()
     for problem, steps in STEPS.items():
-        parameters = reference.load(problem).parameters
+        parameters = references.load(problem).parameters
         start = time.perf_counter()
         value, gradient = build(problem)
         compile_seconds = time.perf_counter() - start

@@ -9,6 +9,8 @@ The running cost is one more component of the state.
 import importlib.util
 import time
 
+from tests.problems import references
+
 from . import reference
 from .diffrax_problems import PROBLEMS
 
@@ -33,7 +35,7 @@ def cost(problem: str, parameters, tolerance: float, *, functional=None, max_eve
     reference.require(available())
     scene = PROBLEMS[problem]()
     horizon = scene.horizon if horizon is None else horizon
-    max_events = reference.load(problem).event_count if max_events is None else max_events
+    max_events = references.load(problem).event_count if max_events is None else max_events
     controller = diffrax.PIDController(rtol=tolerance, atol=tolerance)
     adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
 
@@ -53,7 +55,7 @@ def cost(problem: str, parameters, tolerance: float, *, functional=None, max_eve
     (t, state), _ = jax.lax.scan(
         segment, (jnp.asarray(t, state.dtype), state), length=max_events - scene.events_in_start + 1
     )
-    index = reference.DEFAULT_FUNCTIONAL[problem] if functional is None else functional
+    index = references.DEFAULT_FUNCTIONAL[problem] if functional is None else functional
     return jnp.where(t >= horizon, scene.functionals[index](state), jnp.nan)
 
 
@@ -67,7 +69,7 @@ def main(tolerance: float = 1e-8) -> None:
 
     reference.print_header()
     for problem in PROBLEMS:
-        parameters = jnp.asarray(reference.load(problem).parameters)
+        parameters = jnp.asarray(references.load(problem).parameters)
         for mode, differentiate, adjoint in (
             ("reverse", jax.grad, diffrax.RecursiveCheckpointAdjoint()),
             ("forward", jax.jacfwd, diffrax.ForwardMode()),

@@ -11,6 +11,8 @@ from functools import partial
 
 import numpy as np
 
+from tests.problems import references
+
 from . import reference
 
 if importlib.util.find_spec("mujoco") is not None and importlib.util.find_spec("jax") is not None:
@@ -115,7 +117,7 @@ def main() -> None:
     reference.print_header()
     waiting = lambda function, p: jax.block_until_ready(function(p))
     for problem in ("P1", "P2"):
-        p = jnp.asarray(reference.load(problem).parameters)
+        p = jnp.asarray(references.load(problem).parameters)
         start = time.perf_counter()
         value, both = build(problem, 0.0)
         J, gradient = both(p)

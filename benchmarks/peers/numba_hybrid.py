@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .numba_integrator import ERROR, NODES, WEIGHTS
+from .numba_integrator import NODES, WEIGHTS, compile_step_error
 
 if importlib.util.find_spec("numba") is not None:
     from numba import njit
@@ -46,6 +46,7 @@ def compiled(definition: Definition):
     columns = definition.columns
     functions = (njit(f, fastmath=True) for f in definition[2:])
     start, field, guard, guard_row, known_time, known_row, reset = functions
+    step_error = compile_step_error(columns)
 
     @njit(fastmath=True)
     def step(t, h, x, p, mode, rates, stage):
@@ -57,18 +58,6 @@ def compiled(definition: Definition):
                         total += WEIGHTS[s, j] * rates[j, k, i]
                     stage[k, i] = x[k, i] + h * total
             field(t + NODES[s] * h, stage, p, mode, rates[s])
-
-    @njit(fastmath=True)
-    def step_error(h, x, stage, rates, tolerance):
-        total = 0.0
-        for k in range(x.shape[0]):
-            for i in range(columns):
-                error = 0.0
-                for j in range(7):
-                    error += ERROR[j] * rates[j, k, i]
-                scale = tolerance * (1 + max(abs(x[k, i]), abs(stage[k, i])))
-                total += (h * error / scale) ** 2
-        return np.sqrt(total / (x.shape[0] * columns))
 
     @njit
     def event(t, timed, falls, x, p, mode, rates):

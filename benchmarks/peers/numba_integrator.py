@@ -25,10 +25,29 @@ WEIGHTS = np.array([
 ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 
 
+def compile_step_error(columns):
+    """The error of a step, relative to a tolerance: (h, x, stage, rates, tolerance), x of so many columns."""
+
+    @njit(fastmath=True)
+    def step_error(h, x, stage, rates, tolerance):
+        total = 0.0
+        for k in range(x.shape[0]):
+            for i in range(columns):
+                error = 0.0
+                for j in range(7):
+                    error += ERROR[j] * rates[j, k, i]
+                scale = tolerance * (1 + max(abs(x[k, i]), abs(stage[k, i])))
+                total += (h * error / scale) ** 2
+        return np.sqrt(total / (x.shape[0] * columns))
+
+    return step_error
+
+
 def compile_integrator(definition):
     """The integrator of one problem: (parameters, tolerance, horizon, x), which fills x."""
     start, field, gap, parameter_count = definition()
     start, field, gap = njit(start), njit(field, fastmath=True), njit(gap)
+    step_error = compile_step_error(3)
 
     @njit(fastmath=True)
     def step(t, h, x, p, rates, stage):
@@ -41,18 +60,6 @@ def compile_integrator(definition):
                         total += WEIGHTS[s, j] * rates[j, k, i]
                     stage[k, i] = x[k, i] + h * total
             field(t + NODES[s] * h, stage, p, rates[s])
-
-    @njit(fastmath=True)
-    def step_error(h, x, stage, rates, tolerance):
-        total = 0.0
-        for k in range(x.shape[0]):
-            for i in range(3):
-                error = 0.0
-                for j in range(7):
-                    error += ERROR[j] * rates[j, k, i]
-                scale = tolerance * (1 + max(abs(x[k, i]), abs(stage[k, i])))
-                total += (h * error / scale) ** 2
-        return np.sqrt(total / x.size)
 
     @njit
     def impact(t, x, p, rates):

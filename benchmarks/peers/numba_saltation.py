@@ -10,6 +10,8 @@ from functools import cache, partial
 
 import numpy as np
 
+from tests.problems import references
+
 from . import reference
 from .numba_integrator import compile_integrator
 from .numba_problems import PROBLEMS
@@ -73,7 +75,7 @@ def main(tolerance: float = 1e-8, batch_size: int = 1000) -> None:
     reference.require(available())
     reference.print_header()
     for problem, (definition, horizon) in PROBLEMS.items():
-        parameters = reference.load(problem).parameters
+        parameters = references.load(problem).parameters
         forward, both, _, _ = _compiled(definition)
         start = time.perf_counter()
         forward(parameters, tolerance, horizon)

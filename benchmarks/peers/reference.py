@@ -1,33 +1,13 @@
-"""The known values and gradients (`references.json`), and one printed row of comparison with them."""
+"""Errors against the known values and gradients, and one printed row of comparison with them."""
 
-import json
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-# Index of the functional that is compared where a problem has several: P1 'int q^2', P3 'x(T)'.
-DEFAULT_FUNCTIONAL = {"P1": 1, "P2": 0, "P2b": 0, "P3": 0, "P4": 0}
-
-
-class Reference(NamedTuple):
-    parameters: np.ndarray  # nominal values, in the order of `names`
-    names: tuple[str, ...]
-    value: float
-    gradient: np.ndarray  # one entry per parameter
-    event_count: int
-
-
-def load(problem: str, functional: int | None = None) -> Reference:
-    """The reference of one problem, rounded from 30 digits to float64."""
-    record = json.loads((Path(__file__).parents[2] / "tests" / "references.json").read_text())[problem]
-    index = DEFAULT_FUNCTIONAL[problem] if functional is None else functional
-    gradient = np.array([float(entry) for entry in record["dJ"][index]])
-    parameters, value = np.array(record["p"]), float(record["J"][index])
-    return Reference(parameters, tuple(record["names"]), value, gradient, record["n_events"])
+from tests.problems.references import load
 
 
 class Errors(NamedTuple):

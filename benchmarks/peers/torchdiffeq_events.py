@@ -9,6 +9,8 @@ from functools import partial
 
 import numpy as np
 
+from tests.problems import references
+
 from . import reference
 
 if importlib.util.find_spec("torchdiffeq") is not None and importlib.util.find_spec("torch") is not None:
@@ -109,7 +111,7 @@ def main(tolerance: float = 1e-8) -> None:
     torch.set_num_threads(1)
     reference.print_header()
     for problem in PROBLEMS:
-        parameters = reference.load(problem).parameters
+        parameters = references.load(problem).parameters
         for carried, name in ((True, "in the state"), (False, "closed over")):
             both = partial(value_and_gradient, problem, parameters, tolerance, carried=carried)
             forward = partial(cost, problem, torch.tensor(parameters), tolerance, carried=carried)

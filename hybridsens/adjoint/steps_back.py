@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import diffrax
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -11,8 +12,9 @@ from ..numerics.small_arrays import computed_once
 from ..numerics.tolerances import time_resolution
 from ..xla.packed import pack
 from .control import DerivativeControl, is_noise
+from .methods import AbstractGradientMethod
 from .segment_steps import Steps
-from .step_adjoint import StepAdjoint, StepBack
+from .step import RecordedStep, StepBack
 
 
 class Cotangents(NamedTuple):
@@ -33,7 +35,11 @@ class BackwardPass(NamedTuple):
 
     parameters: Any
     static: Any
-    carry_back: StepAdjoint
+    method: AbstractGradientMethod
+    solver: diffrax.AbstractSolver
+    """That of the motion, for steps that are differentiated."""
+    controlled: bool
+    """Whether steps are cut where they do not resolve the derivative."""
     control: DerivativeControl
     bar: Cotangents
     ts: Float[Array, "sample"] | None
@@ -129,9 +135,11 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
 
 def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
     """One step back. What it adds to dJ/dtheta is packed: the arithmetic of the control then is that of few arrays."""
-    step = backward.carry_back(backward.parameters, backward.static, mode, t0, t1, x0, psi)
-    error = None if step.total_error is None else pack(step.total_error)
-    return step._replace(total=pack(step.total), total_error=error)
+    parameters, static = backward.parameters, backward.static
+    step = RecordedStep(parameters, static, mode, t0, t1, x0, backward.solver, backward.controlled)
+    done = backward.method.carry_back(step, psi)
+    error = None if done.total_error is None else pack(done.total_error)
+    return done._replace(total=pack(done.total), total_error=error)
 
 
 def _left_end(backward: BackwardPass, start, place: Place, data):

@@ -24,7 +24,7 @@ def fit(
     grow: Annotated[bool, typer.Option(help="Fit the beginning first, then longer and longer parts.")] = False,
     skip_missing: Annotated[bool, typer.Option(help="Leave empty cells out instead of refusing them.")] = False,
     max_iterations: Annotated[int, typer.Option(help="Room for iterations.")] = 100,
-    checkpoint: Annotated[
+    store: Annotated[
         Path | None, typer.Option(help="JSON file that keeps the best values at any time; a fit goes on from it.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of data, fit and residuals to write.")] = None,
@@ -44,7 +44,7 @@ def fit(
         _with_guess(model(scene), guess or []), record, parameters=_split(parameters),
         bounds=dict(_bound(text) for text in bound or []), optimizer=optimizer, robust=robust, starts=starts,
         strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations, progress=not quiet,
-        checkpoint=checkpoint,
+        store=store,
     )  # fmt: skip
     print(result)
     if plot is not None:

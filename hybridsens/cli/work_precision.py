@@ -17,10 +17,10 @@ def work_precision(
     single: Annotated[bool, typer.Option(help="Measure float32 as well.")] = True,
     target: Annotated[float, typer.Option(help="Gradient error to recommend a setting for.")] = 1e-6,
     output: Annotated[Path | None, typer.Option(help="Picture. Default: work-precision-SCENE.png here.")] = None,
-    points: Annotated[
-        Path | None, typer.Option(help="Points, .csv or .parquet, written one by one. Default: beside the picture.")
+    store: Annotated[
+        Path | None,
+        typer.Option(help="Points, .csv or .parquet; those in it are kept. Default: new ones, beside the picture."),
     ] = None,
-    resume: Annotated[bool, typer.Option(help="Go on with the points that are in the file.")] = False,
 ) -> None:
     """Errors of J and of its gradient against time per gradient, and the setting to choose. Ctrl-C keeps the points."""
     from ..comparison.work_precision import work_precision as run  # matplotlib is needed by these commands only
@@ -29,15 +29,17 @@ def work_precision(
 
     chosen = runnable(scene)
     output = output or Path(f"work-precision-{file_name(scene)}.png")
-    points = points or output.with_suffix(".csv")
+    if store is None:
+        store = output.with_suffix(".csv")
+        store.unlink(missing_ok=True)
     dtypes = ("float64", "float32") if single else ("float64",)
     solvers = [_solver(name) for name in solver or ("Bosh3", "Tsit5", "Dopri8")]
     methods = [_method(name) for name in method or ("Replay", "ForwardSensitivities")]
-    study = run(chosen, solvers=solvers, methods=methods, dtypes=dtypes, path=points, resume=resume)
+    study = run(chosen, solvers=solvers, methods=methods, dtypes=dtypes, store=store)
     print(f"{scene}: J = int running_cost dt\n\n{study}")
     if target not in TARGETS:
         print(study.advice(target))
-    print(f"\npoints: {points}")
+    print(f"\npoints: {store}")
     plot_work_precision(study).savefig(output, dpi=150)
     print(f"picture: {output}")
 

@@ -1,7 +1,7 @@
 """Why a gradient is in doubt, and what to do about it."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,11 +12,24 @@ from .check_events import EventCheck
 from .check_grazing import grazes
 from .check_motions import BreakFound, Call
 
-if TYPE_CHECKING:
-    from .check_gradient import ParameterCheck
-
 NEAR = 1e-6
 """An event this part of the horizon away from a time asked for happens at that time."""
+
+
+class ParameterCheck(NamedTuple):
+    """One entry of the gradient by three methods."""
+
+    parameter: str
+    adjoint: float
+    forward: float
+    differences: float
+    """With the sequence of events kept; nan where it changes within the smallest difference tried."""
+    uncertainty: float
+    """How far the differences of two widths are apart."""
+    reference: float
+    """By another solver, with the derivative resolved much better; nan where that takes too many steps."""
+    verdict: str
+    """Empty where all agree."""
 
 
 class Cause(NamedTuple):
@@ -45,7 +58,7 @@ class Doubts(NamedTuple):
 
 
 def find_causes(
-    parameters: Sequence["ParameterCheck"],
+    parameters: Sequence[ParameterCheck],
     events: Sequence[EventCheck],
     calls: Sequence[Call],
     resolved: dict[str, bool],

@@ -75,9 +75,10 @@ def check_events(number: int, call: Call, tolerance: float, settings: dict[str, 
     checks = []
     for group, t0, t1 in list(zip(groups, times[:-1], times[1:], strict=True))[:MOST]:
         ends = jnp.asarray(t0, x.dtype), jnp.asarray(t1, x.dtype)  # as arrays, so that all pieces share one program
-        piece: Piece = run.move(jnp.concatenate([x, scene_vector]), *ends)
-        checks.append(_check(number, call, group, run, x, scene_vector, names, piece, ends, tolerance))
-        x = piece.final
+        u = jnp.concatenate([x, scene_vector])
+        passage = Passage(run, u, x.size, ends, run.move(u, *ends), names)
+        checks.append(_check(number, call, group, passage, tolerance))
+        x = passage.piece.final
     return checks
 
 
@@ -168,13 +169,26 @@ def expected_determinant(scene, events: Events, held: bool, divergence: float) -
     return determinant
 
 
-def _check(number, call, group, run: Compiled, x, scene_vector, names, piece: Piece, times, tolerance) -> EventCheck:
-    first = group[0]
+class Passage(NamedTuple):
+    """One piece, and where it starts."""
+
+    run: Compiled
+    u: Float[Array, "entry"]
+    """(q, v, parameters) at its start."""
+    size: int
+    """How many of these are (q, v)."""
+    times: tuple[Float[Array, ""], Float[Array, ""]]
+    piece: Piece
+    names: tuple[str, ...]
+    """Of the entries of u."""
+
+
+def _check(number: int, call: Call, group: range, passage: Passage, tolerance: float) -> EventCheck:
+    first, piece = group[0], passage.piece
     known = (np.asarray(getattr(call.events, name))[first] for name in ("time", "kind", "contact", "closing_speed"))
     time, kind, contact, speed = known
-    u = jnp.concatenate([x, scene_vector])
-    forward = np.asarray(run.forward(u, *times))
-    determinant = float(np.linalg.det(forward[:, : x.size]))
+    forward = np.asarray(passage.run.forward(passage.u, *passage.times))
+    determinant = float(np.linalg.det(forward[:, : passage.size]))
     held = bool(piece.held) or bool(np.any(np.asarray(piece.events.kind) == EventKind.CAPTURE))
     expected = expected_determinant(call.scene, piece.events, held, float(piece.divergence))
     if _sequence(piece.events) != _sequence(call.events, group):
@@ -182,14 +196,15 @@ def _check(number, call, group, run: Compiled, x, scene_vector, names, piece: Pi
     elif not np.isnan(expected) and not abs(determinant - expected) <= tolerance * max(abs(expected), 1):
         verdict = f"determinant must be {expected:.9g}, but is {determinant:.9g}"
     else:
-        verdict = _compare_slopes(run, u, x.size, forward, names, piece, times, tolerance)
+        verdict = _compare_slopes(passage, forward, tolerance)
     return EventCheck(
         number, group, float(time), EventKind(int(kind)), int(contact), float(speed), determinant, expected, verdict
     )
 
 
-def _compare_slopes(run: Compiled, u, size: int, forward, names, piece: Piece, times, tolerance) -> str:
+def _compare_slopes(passage: Passage, forward, tolerance: float) -> str:
     """Slopes of w . (q, v after) for one arbitrary w, by three methods."""
+    run, u, size, times, piece, names = passage
     w = np.random.default_rng(0).normal(size=size)
     ours, other = np.asarray(run.reverse(w, u, *times)), w @ forward
     u = np.asarray(u)

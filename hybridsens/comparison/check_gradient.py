@@ -1,61 +1,24 @@
 """Is this gradient right? The adjoint against forward sensitivities, against differences, and event by event."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Unpack
 
 import numpy as np
 
 from ..adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Replay
-from ..export.html import preformatted
 from ..mechanics.scene import AbstractScene
 from ..mechanics.switches import has_switches
 from ..parameters import FlatParameters, flatten_parameters
-from .check_causes import Cause, find_causes
-from .check_events import EventCheck, check_events
+from ..settings import Settings, chosen_settings
+from .check_causes import ParameterCheck, find_causes
+from .check_events import check_events
 from .check_motions import on_sequence, value_with_calls
 from .check_reference import reference_gradient, resolved_gradient
-from .check_report import format_check
+from .check_report import GradientCheck
 from .differentiate import value_and_gradient
 from .finite_differences import best_finite_differences
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
 from .gradient_methods import from_adjoint
-
-
-class ParameterCheck(NamedTuple):
-    """One entry of the gradient by three methods."""
-
-    parameter: str
-    adjoint: float
-    forward: float
-    differences: float
-    """With the sequence of events kept; nan where it changes within the smallest difference tried."""
-    uncertainty: float
-    """How far the differences of two widths are apart."""
-    reference: float
-    """By another solver, with the derivative resolved much better; nan where that takes too many steps."""
-    verdict: str
-    """Empty where all agree."""
-
-
-class GradientCheck(NamedTuple):
-    """Outcome of a check; print it."""
-
-    parameters: tuple[ParameterCheck, ...]
-    events: tuple[EventCheck, ...]
-    causes: tuple[Cause, ...] = ()
-    """Likely causes of what is in doubt."""
-
-    @property
-    def ok(self) -> bool:
-        """Whether every test that could be made was passed, and each parameter could be tested."""
-        return not any(check.verdict for check in (*self.parameters, *self.events))
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return preformatted(self)
-
-    def __str__(self) -> str:
-        return format_check(self)
 
 
 def check_gradient(
@@ -64,10 +27,7 @@ def check_gradient(
     *,
     adjoint: AbstractGradientMethod | None = None,
     tolerance: float = 1e-5,
-    rtol: float = 1e-12,
-    atol: float = 1e-12,
-    max_events: int = 256,
-    max_steps: int = 16384,
+    **settings: Unpack[Settings],
 ) -> GradientCheck:
     """Check the gradient of a cost, and say which parameter and which event disagree.
 
@@ -83,24 +43,26 @@ def check_gradient(
     Where something is in doubt, `causes` says what is likely behind it, and what to do.
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`. `adjoint`
-    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `rtol`, `atol`: of
-    the motions; differences divide their noise by the width, so they are tight.
+    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `settings`: see
+    `Settings`; rtol = atol = 1e-12, since differences divide the noise of motions by the width, 256 events and 16384
+    steps by default.
 
     Raises: SimulationError if the motion does not reach its end.
     """
     cost = choose_cost(scene, cost)
     parameters = flatten_parameters(scene)
-    settings = dict(rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps)
+    own = dict(rtol=1e-12, atol=1e-12, max_events=256, max_steps=16384)
+    chosen = chosen_settings("check_gradient", settings, own)
     reverse, forward = (
-        _gradient(parameters, cost, method, settings) for method in (adjoint or Replay(), ForwardSensitivities())
+        _gradient(parameters, cost, method, chosen) for method in (adjoint or Replay(), ForwardSensitivities())
     )
-    value = value_with_calls(parameters, cost, settings)
+    value = value_with_calls(parameters, cost, chosen)
     J, calls = value(parameters.vector)
     scale = _scale(parameters.vector, float(J), reverse)
     found = best_finite_differences(on_sequence(value, calls), parameters.vector, scale)
     size = _size(reverse, forward, scale)
     counts = [int(call.events.count) for call in calls]
-    reference = reference_gradient(parameters, cost, settings, counts)
+    reference = reference_gradient(parameters, cost, chosen, counts)
     slopes = np.stack([reverse, forward, found.slopes, found.uncertainty, reference], axis=1).tolist()
     limits = (tolerance * size).tolist()
     checks = []
@@ -111,9 +73,9 @@ def check_gradient(
         checks.append(entry._replace(verdict=_verdict(entry, limit)))
     knows_contacts = lambda call: isinstance(call.scene, AbstractScene) and not has_switches(call.scene)
     mechanical = [(number, call) for number, call in enumerate(calls) if knows_contacts(call)]
-    events = [check for number, call in mechanical for check in check_events(number, call, tolerance, settings)]
-    off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, settings, counts))
-    return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, settings))
+    events = [check for number, call in mechanical for check in check_events(number, call, tolerance, chosen)]
+    off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, chosen, counts))
+    return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, chosen))
 
 
 def _resolved(checks, limits: list[float], resolve: Callable) -> dict[str, bool]:

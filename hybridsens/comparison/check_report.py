@@ -1,19 +1,38 @@
-"""A gradient check as text."""
+"""The outcome of a gradient check, and how it reads."""
 
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
-if TYPE_CHECKING:
-    from .check_causes import Cause
-    from .check_events import EventCheck
-    from .check_gradient import GradientCheck, ParameterCheck
-
+from ..export.html import preformatted
+from .check_causes import Cause, ParameterCheck
+from .check_events import EventCheck
 
 EVENTS = f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>8}{'closing speed':>14}" + (
     f"{'determinant':>13}{'expected':>13}"
 )
 
 
-def format_check(check: "GradientCheck") -> str:
+class GradientCheck(NamedTuple):
+    """Outcome of a check; print it."""
+
+    parameters: tuple[ParameterCheck, ...]
+    events: tuple[EventCheck, ...]
+    causes: tuple[Cause, ...] = ()
+    """Likely causes of what is in doubt."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether every test that could be made was passed, and each parameter could be tested."""
+        return not any(check.verdict for check in (*self.parameters, *self.events))
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return preformatted(self)
+
+    def __str__(self) -> str:
+        return format_check(self)
+
+
+def format_check(check: GradientCheck) -> str:
     """One line for each parameter and for each event, and a last line that sums up."""
     width = max(len(entry.parameter) for entry in check.parameters) + 2
     columns = f"{'adjoint':>18}{'forward':>18}{'differences':>18}{'+-':>9}{'reference':>18}"
@@ -29,19 +48,19 @@ def format_check(check: "GradientCheck") -> str:
     return "\n".join([*lines, "", doubt, *map(_cause_line, check.causes)])
 
 
-def _parameter_line(entry: "ParameterCheck", width: int) -> str:
+def _parameter_line(entry: ParameterCheck, width: int) -> str:
     numbers = "".join(f"{slope:>18.10g}" for slope in (entry.adjoint, entry.forward, entry.differences))
     between = f"{entry.uncertainty:>9.1e}{entry.reference:>18.10g}"
     return f"{entry.parameter:{width}}{numbers}{between}  {entry.verdict}".rstrip()
 
 
-def _event_line(entry: "EventCheck") -> str:
+def _event_line(entry: EventCheck) -> str:
     return (
         f"{entry.label:>7}{entry.time:>13.6f}{entry.kind.name.lower():>9}{entry.contact:>8}"
         f"{entry.closing_speed:>14.4g}{entry.determinant:>13.6g}{entry.expected:>13.6g}  {entry.verdict}"
     ).rstrip()
 
 
-def _cause_line(cause: "Cause") -> str:
+def _cause_line(cause: Cause) -> str:
     where = (", ".join(cause.parameters), f"events {', '.join(cause.events)}" if cause.events else "")
     return f"Likely cause for {'; '.join(filter(None, where))}: {cause.reason}. What to do: {cause.remedy}."

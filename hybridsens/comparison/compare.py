@@ -1,21 +1,21 @@
 """Gradient methods side by side on one scene: what each gives, and what each costs."""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Unpack
 
 import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 from rich.progress import track
 
 from ..adjoint.methods import AbstractGradientMethod, Replay
-from ..export.html import preformatted
 from ..parameters import FlatParameters, flatten_parameters
+from ..settings import Settings, chosen_settings
 from ..system import AbstractHybridSystem
-from .compare_table import format_comparison, write_csv
+from .compare_table import Comparison as Comparison
+from .compare_table import Reference as Reference
+from .compare_table import Row as Row
 from .differentiate import value_and_gradient
 from .failure import reason
 from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end
@@ -31,62 +31,6 @@ from .gradient_methods import (
 from .timing import first_call, planned_memory, seconds_per_call
 
 
-class Reference(NamedTuple):
-    """What the rows are compared with."""
-
-    value: float
-    gradient: Float[np.ndarray, "parameter"]
-    event_count: int | None = None
-    """Number of events of the motion, the most of any if the cost asks for several."""
-
-
-class Row(NamedTuple):
-    """What one method gave. Where it failed, `failure` says why and numbers are nan."""
-
-    method: str
-    value: float = np.nan
-    gradient: Float[np.ndarray, "parameter"] | None = None
-    value_error: float = np.nan
-    """|J - J_ref| / |J_ref|."""
-    gradient_error: float = np.nan
-    """max_i |g_i - g_ref,i| / max_i |g_ref,i|."""
-    forward_seconds: float = np.nan
-    """One value [s]."""
-    gradient_seconds: float = np.nan
-    """One value with its gradient [s]."""
-    compile_seconds: float = np.nan
-    """First call of both [s]; short where JAX's persistent cache knows the programs."""
-    peak_memory: float = np.nan
-    """Of one gradient, by the compiler's plan [bytes]."""
-    failure: str = ""
-
-
-class Comparison(NamedTuple):
-    """The table. Print it, write it (`to_csv`), or draw it (`hybridsens.plot_comparison`)."""
-
-    parameters: tuple[str, ...]
-    """Their names, in the order of the gradients."""
-    reference: Reference
-    rows: tuple[Row, ...]
-    interrupted: bool = False
-    """Whether Ctrl-C ended the run: the rows are those that were finished."""
-
-    def __getitem__(self, method: str) -> Row:  # type: ignore[override]
-        """The row of a method, by its name. Raises: KeyError for a name that is not there."""
-        return {row.method: row for row in self.rows}[method]
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return preformatted(self)
-
-    def __str__(self) -> str:
-        return format_comparison(self)
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the rows, with one column for each entry of the gradient."""
-        write_csv(self, path)
-
-
 def compare(
     scene: Any,
     cost: Cost | None = None,
@@ -96,9 +40,8 @@ def compare(
     adjoints: Sequence[AbstractGradientMethod] = DEFAULT_ADJOINTS,
     methods: Sequence[GradientMethod] | None = None,
     reference: Reference | None = None,
-    max_events: int = 256,
-    max_steps: int = 4096,
     progress: bool = True,
+    **settings: Unpack[Settings],
 ) -> Comparison:
     """Value and gradient of a cost by this package's methods and by naive ones, with their errors, times and memory.
 
@@ -115,18 +58,22 @@ def compare(
     - `methods`: the whole list of rows instead of `adjoints` and the naive methods.
     - `reference`: value and gradient to compare with; by default `Replay` with Dopri8 at rtol = 1e-13.
     - `progress`: show a bar. Ctrl-C ends the run and keeps the rows that are finished.
+    - `settings`: see `Settings`; rtol = atol = `tolerance`, 256 events and 4096 steps by default. The reference has
+      four times the steps.
 
     A method that fails has the reason in its row. Raises: SimulationError if the reference itself fails.
     """
     cost = choose_cost(scene, cost)
     parameters = flatten_parameters(scene)
-    reference = reference or tight_reference(parameters, cost, max_events, 4 * max_steps)
+    own = dict(rtol=tolerance, atol=tolerance, max_events=256, max_steps=4096)
+    chosen = chosen_settings("compare", settings, own)
+    reference = reference or tight_reference(parameters, cost, chosen | dict(max_steps=4 * chosen["max_steps"]))
     if methods is None:
-        room = (max_events if reference.event_count is None else reference.event_count) + 2
-        methods = our_methods(adjoints, tolerance, max_events, max_steps)
+        room = (chosen["max_events"] if reference.event_count is None else reference.event_count) + 2
+        methods = our_methods(adjoints, chosen)
         general = isinstance(scene, AbstractHybridSystem)
         methods += naive_methods_of_systems(steps) if general else naive_methods(tolerance, steps, room)
-        methods += [differences(tolerance, max_events, max_steps)]
+        methods += [differences(chosen)]
     rows = []
     interrupted = False
     try:
@@ -137,11 +84,12 @@ def compare(
     return Comparison(parameters.names, reference, tuple(rows), interrupted)
 
 
-def tight_reference(parameters: FlatParameters, cost: Cost, max_events: int, max_steps: int) -> Reference:
-    """Value and gradient by `Replay` at the tightest tolerance of the floating point type. Raises: SimulationError."""
+def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[str, Any]) -> Reference:
+    """Value and gradient by `Replay` at the tightest tolerance of the floating point type, and by Dopri8 where the
+    settings name no solver. Raises: SimulationError."""
     tolerance = max(1e-13, 32 * float(jnp.finfo(parameters.vector.dtype).eps))
-    settings = dict(rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps)
-    method = from_adjoint(Replay(), solver=diffrax.Dopri8(), **settings)
+    tight = dict(rtol=tolerance, atol=tolerance, solver=settings.get("solver") or diffrax.Dopri8())
+    method = from_adjoint(Replay(), **{**settings, **tight})
     run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
     value, gradient, reported = run(parameters.vector)
     raise_unless_reached_end(reported)

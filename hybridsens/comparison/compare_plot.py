@@ -1,12 +1,9 @@
 """A comparison as a picture: error of each gradient, and what it costs. It reads the same in grey print."""
 
-from typing import TYPE_CHECKING
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-if TYPE_CHECKING:
-    from .compare import Comparison, Row
+from .compare_table import Comparison, Row
 
 LEAST_ERROR = 1e-16
 """An error of zero is drawn here."""
@@ -14,7 +11,7 @@ WRONG = 1e-3
 """A gradient with a larger error is hatched."""
 
 
-def plot_comparison(comparison: "Comparison") -> Figure:
+def plot_comparison(comparison: Comparison) -> Figure:
     """Gradient error and time of every method as bars with their numbers, on logarithmic axes.
 
     A gradient whose error is above `WRONG` is hatched. A method that failed is named, without bars.
@@ -40,7 +37,7 @@ def plot_comparison(comparison: "Comparison") -> Figure:
     return figure
 
 
-def _style(row: "Row") -> dict[str, str]:
+def _style(row: Row) -> dict[str, str]:
     if row.gradient_error > WRONG:
         return dict(facecolor="white", hatch="////")
     return dict(facecolor="0.35")

@@ -1,13 +1,13 @@
-"""A comparison as text and as CSV."""
+"""A comparison of gradient methods: its rows, as text and as CSV."""
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-if TYPE_CHECKING:
-    from .compare import Comparison, Row
+from ..export.html import preformatted
 
 COLUMNS = (
     "value", "value_error", "gradient_error", "forward_seconds", "gradient_seconds", "compile_seconds", "peak_memory",
@@ -19,7 +19,63 @@ GRADIENTS_BESIDE = 5
 HEAD = f"{'value':>14}{'value err':>11}{'gradient err':>13}{'forward':>11}{'gradient':>11}{'compile':>9}{'memory':>10}"
 
 
-def format_comparison(comparison: "Comparison") -> str:
+class Reference(NamedTuple):
+    """What the rows are compared with."""
+
+    value: float
+    gradient: Float[np.ndarray, "parameter"]
+    event_count: int | None = None
+    """Number of events of the motion, the most of any if the cost asks for several."""
+
+
+class Row(NamedTuple):
+    """What one method gave. Where it failed, `failure` says why and numbers are nan."""
+
+    method: str
+    value: float = np.nan
+    gradient: Float[np.ndarray, "parameter"] | None = None
+    value_error: float = np.nan
+    """|J - J_ref| / |J_ref|."""
+    gradient_error: float = np.nan
+    """max_i |g_i - g_ref,i| / max_i |g_ref,i|."""
+    forward_seconds: float = np.nan
+    """One value [s]."""
+    gradient_seconds: float = np.nan
+    """One value with its gradient [s]."""
+    compile_seconds: float = np.nan
+    """First call of both [s]; short where JAX's persistent cache knows the programs."""
+    peak_memory: float = np.nan
+    """Of one gradient, by the compiler's plan [bytes]."""
+    failure: str = ""
+
+
+class Comparison(NamedTuple):
+    """The table. Print it, write it (`to_csv`), or draw it (`hybridsens.plot_comparison`)."""
+
+    parameters: tuple[str, ...]
+    """Their names, in the order of the gradients."""
+    reference: Reference
+    rows: tuple[Row, ...]
+    interrupted: bool = False
+    """Whether Ctrl-C ended the run: the rows are those that were finished."""
+
+    def __getitem__(self, method: str) -> Row:  # type: ignore[override]
+        """The row of a method, by its name. Raises: KeyError for a name that is not there."""
+        return {row.method: row for row in self.rows}[method]
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return preformatted(self)
+
+    def __str__(self) -> str:
+        return format_comparison(self)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows, with one column for each entry of the gradient."""
+        write_csv(self, path)
+
+
+def format_comparison(comparison: Comparison) -> str:
     """Two tables of plain text: the methods with their errors and costs, and the entries of their gradients."""
     reference = comparison.reference
     width = max([len(row.method) for row in comparison.rows], default=0) + 6
@@ -30,7 +86,7 @@ def format_comparison(comparison: "Comparison") -> str:
     return "\n".join([*lines, "", *_gradient_lines(comparison)])
 
 
-def _method_line(number: int, row: "Row", width: int) -> str:
+def _method_line(number: int, row: Row, width: int) -> str:
     name = f"{number:>2}  {row.method}"
     if row.failure:
         return f"{name:{width}}  failed: {row.failure}"
@@ -41,7 +97,7 @@ def _method_line(number: int, row: "Row", width: int) -> str:
     )
 
 
-def _gradient_lines(comparison: "Comparison"):
+def _gradient_lines(comparison: Comparison):
     """Gradient by parameter, a few methods beside each other."""
     numbered = [(number, row) for number, row in enumerate(comparison.rows, 1) if row.gradient is not None]
     width = max(len(name) for name in comparison.parameters) + 2
@@ -53,7 +109,7 @@ def _gradient_lines(comparison: "Comparison"):
             yield f"{name:{width}}" + "".join(f"{entry[i]:>16.9g}" for entry in entries)
 
 
-def write_csv(comparison: "Comparison", path: str | Path) -> None:
+def write_csv(comparison: Comparison, path: str | Path) -> None:
     """One line for each method, the reference first."""
     with open(path, "w", newline="") as file:
         writer = csv.writer(file)

@@ -1,10 +1,9 @@
 """The rows of a comparison: each a way to move the scene and a way to differentiate the result."""
 
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
-
-import equinox as eqx
 
 from ..adjoint.methods import (
     AbstractGradientMethod,
@@ -48,39 +47,30 @@ DEFAULT_ADJOINTS: tuple[AbstractGradientMethod, ...] = (
 
 def from_adjoint(adjoint: AbstractGradientMethod, **settings) -> GradientMethod:
     """A gradient method of `hybridsens.simulate` and `hybridsens.solve`; `settings` go to them."""
-    mode: Mode = "forward" if isinstance(adjoint, ForwardSensitivities) else "reverse"
+    mode: Mode = "forward" if adjoint.forward_mode else "reverse"
     bound = partial(move, adjoint=adjoint, throw=False, **settings)
     return GradientMethod(type(adjoint).__name__, bound, mode)
 
 
 def adjoint_name(adjoint: AbstractGradientMethod) -> str:
     """The class and those of its settings that are not the default: `Replay`, `ContinuousCostate(rtol=1e-10)`."""
-    default = type(adjoint)()
-    fields = {name: getattr(adjoint, name) for name in adjoint.__dataclass_fields__}
-    changed = [f"{name}={value!r}" for name, value in fields.items() if value != getattr(default, name)]
+    fields = {field.name: (getattr(adjoint, field.name), field) for field in dataclasses.fields(adjoint)}
+    changed = [f"{name}={value!r}" for name, (value, field) in fields.items() if value != _default(field)]
     return type(adjoint).__name__ + (f"({', '.join(changed)})" if changed else "")
 
 
-def at_tolerance(adjoint: AbstractGradientMethod, tolerance) -> AbstractGradientMethod:
-    """A continuous costate with its default tolerances gets those of the motion; all others stay as they are."""
-    default = ContinuousCostate()
-    if not isinstance(adjoint, ContinuousCostate) or (adjoint.rtol, adjoint.atol) != (default.rtol, default.atol):
-        return adjoint
-    return eqx.tree_at(lambda method: (method.rtol, method.atol), adjoint, (tolerance, tolerance))
+def _default(field: dataclasses.Field) -> Any:
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
-def our_methods(
-    adjoints: Sequence[AbstractGradientMethod], tolerance: float, max_events: int, max_steps: int
-) -> list[GradientMethod]:
+def our_methods(adjoints: Sequence[AbstractGradientMethod], settings: Mapping[str, Any]) -> list[GradientMethod]:
     """This package's methods, at one tolerance for the motion and for what is integrated back."""
-    settings = dict(rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps)
-    methods = [from_adjoint(at_tolerance(adjoint, tolerance), **settings) for adjoint in adjoints]
+    methods = [from_adjoint(adjoint.at_tolerance(settings["rtol"]), **settings) for adjoint in adjoints]
     return [m._replace(name=adjoint_name(adjoint)) for m, adjoint in zip(methods, adjoints, strict=True)]
 
 
-def differences(tolerance: float, max_events: int, max_steps: int) -> GradientMethod:
+def differences(settings: Mapping[str, Any]) -> GradientMethod:
     """Central differences of our own motions."""
-    settings = dict(rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps)
     return GradientMethod("central differences", partial(move, throw=False, **settings), "differences")
 
 

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import diffrax
 import equinox as eqx
@@ -14,11 +14,12 @@ from rich.progress import Progress
 
 from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, ForwardSensitivities, Replay
 from ..parameters import FlatParameters, flatten_parameters
+from ..settings import Settings, chosen_settings
 from .compare import Reference, relative_error, tight_reference
 from .differentiate import value_and_gradient
 from .failure import reason
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
-from .gradient_methods import adjoint_name, at_tolerance, from_adjoint
+from .gradient_methods import adjoint_name, from_adjoint
 from .timing import first_call, seconds_per_call
 from .work_precision_file import check_ending, read_points, write_points
 from .work_precision_points import Point as Point
@@ -51,11 +52,9 @@ def work_precision(
     methods: Sequence[AbstractGradientMethod] = (Replay(), ForwardSensitivities(), ContinuousCostate()),
     dtypes: Sequence[str] = ("float64",),
     reference: Reference | None = None,
-    max_events: int = 256,
-    max_steps: int = 65536,
-    path: str | Path | None = None,
-    resume: bool = False,
+    store: str | Path | None = None,
     progress: bool = True,
+    **settings: Unpack[Settings],
 ) -> WorkPrecision:
     """Error of a cost and of its gradient, and time for both, for every combination of settings.
 
@@ -64,30 +63,30 @@ def work_precision(
     - `scene`, `cost`, `reference`: as for `compare`.
     - `solvers`, `tolerances` (rtol = atol), `methods` (as for `adjoint=`), `dtypes` ("float64",
       "float32"): what is combined. A `ContinuousCostate()` is integrated at the tolerance of the motion.
-    - `path`: a .csv or .parquet file that each point is in as soon as it is finished.
-    - `resume`: go on with the points in that file, which are not measured again.
+    - `store`: a .csv or .parquet file that each point is in as soon as it is finished. If it is there already, the
+      study goes on from its points, which are not measured again.
     - `progress`: show a bar. Ctrl-C ends the run and keeps the points that are finished.
+    - `settings`: see `Settings`, but for those that are varied; 256 events and 65536 steps by default.
 
     A setting that fails is a point with its reason. float64 needs `hybridsens.configure()` before JAX starts.
 
-    Raises: ValueError for a dtype other than these two, or a `path` that is missing, has another ending or the points
-    of something else; SimulationError if the reference fails.
+    Raises: ValueError for a dtype other than these two, or a `store` that has another ending or the points of something
+    else; SimulationError if the reference fails.
     """
     unknown = set(dtypes) - {"float64", "float32"}
     if unknown:
         raise ValueError(f'`dtypes` must have entries among "float64" and "float32", but has {sorted(unknown)}.')
-    path = None if path is None else Path(path)
+    path = None if store is None else Path(store)
     if path is not None:
         check_ending(path)
-    elif resume:
-        raise ValueError("`resume` must have a `path` to go on with, but has none.")
+    own = dict(max_events=256, max_steps=65536)
+    chosen = chosen_settings("work_precision", settings, own, varied=("solver", "rtol", "atol"))
     cost = choose_cost(scene, cost)
-    reference = reference or tight_reference(flatten_parameters(scene), cost, max_events, max_steps)
-    points = list(read_points(path, reference.value)) if resume and path is not None else []
+    reference = reference or tight_reference(flatten_parameters(scene), cost, chosen)
+    points = [] if path is None else list(read_points(path, reference.value))
     combinations = itertools.product(dtypes, solvers, methods)
     lines = _missing([Line(*combined, tuple(tolerances)) for combined in combinations], points)
-    room = dict(max_events=max_events, max_steps=max_steps)
-    measure = lambda line: measure_line(scene, cost, line, reference, room)
+    measure = lambda line: measure_line(scene, cost, line, reference, chosen)
     try:
         for point in _with_progress(lines, measure, progress):
             points.append(point)
@@ -115,12 +114,12 @@ def _with_progress(lines: list[Line], measure: Callable[[Line], Iterator[Point]]
                 bar.advance(task)
 
 
-def measure_line(scene, cost: Cost, line: Line, reference: Reference, room) -> Iterator[Point]:
+def measure_line(scene, cost: Cost, line: Line, reference: Reference, settings) -> Iterator[Point]:
     """Points of one solver, method and dtype: one program for all tolerances. A failure stands in its point."""
     with jax.enable_x64(line.dtype == "float64"):  # what a scene makes out of nothing must have this type too
         cast = lambda leaf: jnp.asarray(leaf, line.dtype) if eqx.is_inexact_array(leaf) else leaf
         parameters = flatten_parameters(jax.tree.map(cast, scene))
-        gradient = _gradient(parameters, cost, line, room)
+        gradient = _gradient(parameters, cost, line, settings)
         for tolerance in line.tolerances:
             try:
                 found = _measure(lambda t=tolerance: gradient(parameters.vector, t), reference)
@@ -129,14 +128,14 @@ def measure_line(scene, cost: Cost, line: Line, reference: Reference, room) -> I
                 yield Point(*line.label, tolerance, failure=reason(error))
 
 
-def _gradient(parameters: FlatParameters, cost: Cost, line: Line, room):
+def _gradient(parameters: FlatParameters, cost: Cost, line: Line, settings):
     """(vector, tolerance) -> value, gradient, what the motions report."""
 
     @jax.jit
     def gradient(vector, tolerance):
         tolerance = jnp.asarray(tolerance, vector.dtype)
-        method = at_tolerance(line.method, tolerance)
-        row = from_adjoint(method, solver=line.solver, rtol=tolerance, atol=tolerance, **room)
+        method = line.method.at_tolerance(tolerance)
+        row = from_adjoint(method, solver=line.solver, rtol=tolerance, atol=tolerance, **settings)
         return value_and_gradient(functional(parameters, cost, row.simulate), row.mode)(vector)
 
     return gradient

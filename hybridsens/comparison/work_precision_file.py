@@ -17,7 +17,7 @@ REFERENCE = "reference_value"
 def check_ending(path: Path) -> None:
     """Raises: ValueError for another ending than .csv or .parquet; ImportError where Parquet's library is missing."""
     if path.suffix not in (".csv", ".parquet"):
-        raise ValueError(f"`path` must end in .csv or .parquet, but is {path}.")
+        raise ValueError(f"`store` must end in .csv or .parquet, but is {path}.")
     if path.suffix == ".parquet":
         _parquet()
 
@@ -70,7 +70,7 @@ def _read_parquet(path: Path) -> Iterable[dict[str, Any]]:
 
 def _parquet():
     """The library, or a word about how to get it."""
-    try:
+    try:  # an optional extra
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:

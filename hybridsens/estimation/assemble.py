@@ -17,14 +17,14 @@ from .optimizers import Method
 from .problem import Problem, predict
 from .result import FitResult
 from .starts import Starts
-from .uncertainty import uncertainty
+from .uncertainty import Noise, uncertainty
 from .watch import event_sequence
 
 _EXACT = 1e-7
 """Residuals of so small a part of the data's range are errors of the computation (its tolerance is 1e-8), no noise."""
 
 
-def assemble(
+def build_result(
     how: Method | Growing, problem: Problem, data: Measurements, guess, descents: Sequence[Descent],
     starts: Starts | None,
 ) -> FitResult:  # fmt: skip
@@ -38,10 +38,10 @@ def assemble(
     by_p = np.where(by_z == 0, 0, np.asarray(jacobian) / np.where(by_z == 0, 1, by_z))[:measured]
     known = np.isfinite(np.concatenate([np.ravel(data.values), data.event_times]))
     sigmas_given = data.sigmas is not None or not data.names
+    rounding = 0.0 if sigmas_given else _rounding(data, by_p.dtype)
     knowledge = uncertainty(
         selection.labels, values, np.asarray(r)[:measured][known], by_p[known], np.asarray(problem.prior.weight),
-        sigmas_given=sigmas_given, robust=float(problem.robust), largest=_largest(data),
-        rounding=0.0 if sigmas_given else _rounding(data, by_p.dtype),
+        Noise(sigmas_given, float(problem.robust), _largest(data), rounding),
     )  # fmt: skip
     residuals, event_residuals = _in_units(np.asarray(r)[:measured], data)
     trajectory, predictions = predict(problem, last.z)
@@ -54,7 +54,7 @@ def assemble(
         events_missing=np.flatnonzero(missing), jacobian=by_p, uncertainty=knowledge,
         history=[line for descent in descents for line in descent.history], stopped=last.stopped,
         sequence_start=event_sequence(event_rows(predict(problem, guess)[0])), sequence_end=last.end, data=data,
-        trajectory=trajectory, predictions=np.asarray(predictions), starts=starts, carry=last.carry,
+        trajectory=trajectory, predictions=np.asarray(predictions), starts=starts,
     )  # fmt: skip
 
 

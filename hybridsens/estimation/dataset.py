@@ -1,16 +1,13 @@
 """A fit as an xarray Dataset: parameters with their errors, data with residuals, the history."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..export.libraries import optional
 
-if TYPE_CHECKING:
-    from .result import FitResult
 
-
-def fit_dataset(result: "FitResult"):
+def fit_dataset(result: Any):
     """Parameters over `parameter`, measurements and predictions over (`time`, `observation`), iterations over
     `iteration`. Raises: ImportError without xarray."""
     xarray = optional("xarray", "to_xarray()", "fit")
@@ -36,7 +33,7 @@ def fit_dataset(result: "FitResult"):
     return xarray.Dataset(arrays, coords, attributes)
 
 
-def _parameters(result: "FitResult") -> dict[str, tuple]:
+def _parameters(result: Any) -> dict[str, tuple]:
     intervals = np.array([*result.intervals().values()]).reshape(-1, 2)
     return {
         "value": ("parameter", result.values),

@@ -1,18 +1,15 @@
 """The loop: iterate, watch, remember. It runs in Python, so that it can be watched, interrupted and resumed."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .growing import Growing, Standing
+from .growing import Growing
 from .iterate import Pace
-from .least_squares import FAR
 from .optimizers import Method
 from .outcome import Outcome
-from .watch import STOPPED, Audience, Iteration, Sequence, Watch
-
-INTERRUPTED = "interrupted"
+from .watch import INTERRUPTED, STOPPED, Audience, Iteration, Sequence, Watch
 
 
 class Room(NamedTuple):
@@ -30,8 +27,6 @@ class Descent(NamedTuple):
     z: Float[Array, "unknown"]
     """The best point."""
     loss: float
-    carry: Any
-    """The optimizer's state, to go on from."""
     history: list[Iteration]
     start: Sequence
     end: Sequence
@@ -48,30 +43,25 @@ class Descent(NamedTuple):
 
 
 def descend(
-    method: Method | Growing, problem, z, room: Room, *, stage: str = "full", audience: Audience = Audience(),  # noqa: B008
-    damping: float = FAR, carry: Any = None, stages: bool = True,
-) -> Descent:  # fmt: skip
+    method: Method | Growing, problem, z, room: Room, audience: Audience = Audience(), stages: bool = True  # noqa: B008
+) -> Descent:
     """Iterate until the optimizer converges or stalls, or something else ends it; the best point is kept throughout.
 
-    `carry` is the state of an earlier run to go on from; without `stages` the whole problem comes at once.
+    Without `stages` the whole problem comes at once.
     Raises: GuessFailed if the first point cannot be evaluated.
     """
-    pace, watch, stopped = audience.pace or Pace(1), Watch(z, stage, audience), ""
-    at = method.begin(z, damping, stages=stages and carry is None)
-    done = pace.run(method, problem, at, room.iterations + 1 if carry is None else 1)
-    carry = done.carry if carry is None else carry
+    pace, watch, stopped = audience.pace or Pace(1), Watch(z, audience), ""
+    done = pace.run(method, problem, method.begin(z, stages=stages), room.iterations + 1)
     try:
         while not stopped:
             for outcome in done.outcomes:
                 stopped = stopped or watch.see(outcome) or _ended(outcome, watch, room)
             if not stopped:
-                done = pace.run(method, problem, carry, room.iterations + (-watch.number if watch.whole else 1))
-                carry = done.carry
+                done = pace.run(method, problem, done.carry, room.iterations + (-watch.number if watch.whole else 1))
     except KeyboardInterrupt:
         stopped = INTERRUPTED
     z = jnp.asarray(watch.z)  # once: to the host and back takes longer than some iterations
-    carry = carry.inner if isinstance(carry, Standing) else carry  # any later run has no stages
-    return Descent(z, watch.loss, carry, watch.history, watch.first, watch.best, stopped, watch.whole)
+    return Descent(z, watch.loss, watch.history, watch.first, watch.best, stopped, watch.whole)
 
 
 def _ended(outcome: Outcome, watch: Watch, room: Room) -> str:

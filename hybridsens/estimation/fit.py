@@ -2,29 +2,27 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
-import diffrax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..mechanics.scene import AbstractScene
+from ..settings import Settings, chosen_settings
 from ..system import AbstractHybridSystem
 from . import prepare
-from .assemble import assemble
-from .checkpoint import Checkpoint
+from .assemble import build_result
 from .data import Measurements
 from .descend import Descent, Room, descend
 from .growing import Growing
 from .horizon import GrowingHorizon
 from .iterate import Pace
-from .least_squares import FAR
-from .motions import Numerics
 from .optimizers import Method, method
 from .parameters import Bounds
 from .problem import Problem
 from .result import FitResult
-from .starts import Starts, descend_from_all, spread_starts
+from .starts import RandomStarts, Starts, descend_from_all, spread_starts
+from .store import Store
 from .tables import read_measurements
 from .watch import Audience, GuessFailed, Iteration
 
@@ -44,20 +42,12 @@ def fit(
     t1: float | None = None,
     optimizer: Any = "levenberg-marquardt",
     strategy: GrowingHorizon | None = None,
-    starts: int = 1,
-    spread: float = 0.3,
-    seed: int = 0,
+    starts: int | RandomStarts = 1,
     max_iterations: int = 100,
     patience: int = 20,
-    progress: bool = False,
-    callback: Callable[[Iteration], Any] | None = None,
-    resume: FitResult | None = None,
-    checkpoint: str | Path | None = None,
-    solver: diffrax.AbstractSolver | None = None,
-    rtol: float = 1e-8,
-    atol: float = 1e-8,
-    max_events: int = 256,
-    max_steps: int = 4096,
+    progress: bool | Callable[[Iteration], Any] = False,
+    store: str | Path | None = None,
+    **settings: Unpack[Settings],
 ) -> FitResult:
     """Parameters of a scene or a hybrid system from measurements of its motion, by least squares on exact derivatives.
 
@@ -90,37 +80,37 @@ def fit(
     - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an
       Optimistix Gauss-Newton solver, or any Optax optimizer.
     - `strategy`: `GrowingHorizon()` for long or chaotic motions.
-    - `starts`, `spread`, `seed`: descend from so many points within +-spread (relatively) of the guess, in one compiled
-      run, and go on from the best.
+    - `starts`: descend from so many points around the guess, in one compiled run, and go on from the best: a number, or
+      `RandomStarts(count, spread, seed)`.
     - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
-    - `progress`, `callback`: print a line for every iteration; call `callback(iteration)`, which stops by returning
-      True.
-    - `resume`: an earlier result of the same fit to go on from. Interrupting (Ctrl-C) returns the best point so far.
-    - `checkpoint`: a file that keeps the best values at any time. If it is there already, the fit goes on from them
-      instead of the scene's; the optimizer's own memory starts anew.
-    - `solver`, `rtol`, `atol`, `max_events`, `max_steps`: as in `simulate`.
+    - `progress`: print a line for every iteration; or a function that is called with every `Iteration`, and stops the
+      fit by returning True. Ctrl-C ends it too. The best point so far is returned; `fit(result.scene, ...)` goes on.
+    - `store`: a JSON file that holds the best values at any time. If it is there already, the fit goes on from them
+      instead of the scene's.
+    - `settings`: see `Settings`; rtol = atol = 1e-8, 256 events and 4096 steps by default.
 
     Raises: ValueError for measurements, names, bounds or priors that do not fit; for a guess whose motion fails.
     """
     measured = read_measurements(data)
     _check(max_iterations, patience, robust, measured)
-    numerics = Numerics(rtol, atol, max_events, max_steps, solver)
-    problem = prepare.problem(
-        scene, measured, numerics, parameters=parameters, observe=observe, state=state, mode=mode, bounds=bounds,
-        priors=priors, robust=robust, t0=t0, t1=t1,
-    )  # fmt: skip
-    keeper = None if checkpoint is None else Checkpoint(Path(checkpoint), problem.selection)
+    chosen = chosen_settings("fit", settings, prepare.SETTINGS)
+    experiment = prepare.Experiment(state, mode, observe, t0, t1, chosen)
+    unknowns = prepare.Unknowns(parameters, bounds, priors)
+    problem = prepare.build_problem(scene, measured, unknowns, experiment, robust)
+    keeper = None if store is None else Store(Path(store), problem.selection)
     guess = problem.selection.from_values(problem.selection.values(problem.scene))
-    z, further = _beginning(problem, guess, resume, keeper)
-    listener = _callback(progress, callback)
+    kept = None if keeper is None else keeper.read()
+    z = guess if kept is None else problem.selection.from_values(kept)
+    listener = _print_line if progress is True else progress or None
     audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
     plain, several = method(optimizer), None
-    how = Growing(plain, strategy) if isinstance(strategy, GrowingHorizon) else plain
-    if starts > 1 and not further:
-        several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), max_iterations)
+    how = Growing(plain, strategy) if strategy is not None else plain
+    starts = RandomStarts(starts) if isinstance(starts, int) else starts
+    if starts.count > 1 and kept is None:
+        several, z = _from_many(how, problem, spread_starts(problem, z, starts), max_iterations)
         how = plain
-    descents = _to_the_end(how, problem, z, Room(max_iterations, patience), audience, resume)
-    return assemble(how, problem, measured, guess, descents, several)
+    descents = _to_the_end(how, problem, z, Room(max_iterations, patience), audience)
+    return build_result(how, problem, measured, guess, descents, several)
 
 
 def _check(max_iterations: int, patience: int, robust: float | None, measured: Measurements) -> None:
@@ -135,20 +125,6 @@ def _check(max_iterations: int, patience: int, robust: float | None, measured: M
         )
 
 
-def _beginning(problem: Problem, guess, resume: FitResult | None, keeper: Checkpoint | None) -> tuple[Array, bool]:
-    """Where to begin: at an earlier result, at a checkpoint, or at the guess; and whether it is one of the former."""
-    kept = None if keeper is None else keeper.read()
-    if kept is not None:
-        return problem.selection.from_values(kept), True
-    if resume is None:
-        return guess, False
-    if resume.labels != problem.selection.labels:
-        raise ValueError(
-            f"`resume` must be a fit of the same parameters {problem.selection.labels}, but is of {resume.labels}."
-        )
-    return problem.selection.from_values(resume.values), True
-
-
 def _from_many(how: Method | Growing, problem: Problem, zs, max_iterations: int) -> tuple[Starts, Array]:
     several = descend_from_all(how, problem, zs, max_iterations)
     if not bool(jnp.any(jnp.isfinite(several.loss))):
@@ -158,27 +134,17 @@ def _from_many(how: Method | Growing, problem: Problem, zs, max_iterations: int)
     return several, several.z[jnp.argmin(several.loss)]
 
 
-def _to_the_end(
-    how: Method | Growing, problem: Problem, z, room: Room, audience: Audience, resume: FitResult | None
-) -> list[Descent]:
+def _to_the_end(how: Method | Growing, problem: Problem, z, room: Room, audience: Audience) -> list[Descent]:
     """All descents, with that on the whole record; if stages were ended by hand before it, only what it needs to
     report."""
-    carry = None if resume is None or isinstance(how, Growing) else resume.carry
-    first = descend(how, problem, z, room, audience=audience, damping=FAR, carry=carry)
+    first = descend(how, problem, z, room, audience)
     if first.whole:
         return [first]
-    last = descend(how, problem, first.z, Room(0, 1), audience=audience, stages=False)
+    last = descend(how, problem, first.z, Room(0, 1), audience, stages=False)
     return [first, last._replace(stopped=first.stopped)]
 
 
-def _callback(progress: bool, callback: Callable[[Iteration], Any] | None) -> Callable[[Iteration], Any] | None:
-    if not progress:
-        return callback
-
-    def show(line: Iteration):
-        note = line.failure or ("sequence changed" if line.sequence_changed else "" if line.accepted else "rejected")
-        print(f"{line.stage:>14} {line.number:>4}  loss {line.loss:<12.6g} |grad| {line.gradient_norm:<10.3g} "
-              f"events {line.events:<4} {note}", flush=True)  # fmt: skip
-        return callback(line) if callback is not None else None
-
-    return show
+def _print_line(line: Iteration) -> None:
+    note = line.failure or ("sequence changed" if line.sequence_changed else "" if line.accepted else "rejected")
+    print(f"{line.stage:>14} {line.number:>4}  loss {line.loss:<12.6g} |grad| {line.gradient_norm:<10.3g} "
+          f"events {line.events:<4} {note}", flush=True)  # fmt: skip

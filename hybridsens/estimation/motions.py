@@ -1,6 +1,6 @@
 """What a fit asks of a motion, of a mechanical scene or of any other hybrid system."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import diffrax
@@ -26,14 +26,21 @@ KINDS = (*(kind.name.lower() for kind in EventKind), "event")
 """Names of all kinds."""
 
 
-class Numerics(eqx.Module):
-    """How motions are computed; see `simulate`."""
+class FixedSettings(eqx.Module):
+    """`Settings` as a part of what is compiled."""
 
-    rtol: float = eqx.field(static=True)
-    atol: float = eqx.field(static=True)
-    max_events: int = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
+    numbers: tuple[tuple[str, Any], ...] = eqx.field(static=True)
     solver: diffrax.AbstractSolver | None = None
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> "FixedSettings":
+        """From `Settings` by name."""
+        numbers = tuple(sorted((name, value) for name, value in settings.items() if name != "solver"))
+        return cls(numbers, settings.get("solver"))
+
+    def by_name(self) -> dict[str, Any]:
+        """As `simulate` takes them."""
+        return dict(self.numbers) | {"solver": self.solver}
 
 
 class Start(eqx.Module):
@@ -61,15 +68,12 @@ class EventRows(NamedTuple):
     """Which contact, or which event of a system."""
 
 
-def motion_of(scene, start: Start, horizon, ts, numerics: Numerics, adjoint: AbstractGradientMethod):
+def motion_of(scene, start: Start, horizon, ts, settings: FixedSettings, adjoint: AbstractGradientMethod):
     """The motion of a scene or a system over horizon = (t0, t1), with states at ts."""
     t0, t1 = horizon
-    settings = dict(
-        t0=t0, t1=t1, ts=ts if ts.size else None, solver=numerics.solver, rtol=numerics.rtol, atol=numerics.atol,
-        max_events=numerics.max_events, max_steps=numerics.max_steps, adjoint=adjoint, throw=False,
-    )  # fmt: skip
+    times = dict(t0=t0, t1=t1, ts=ts if ts.size else None)
     run: Callable = solve if isinstance(scene, AbstractHybridSystem) else simulate
-    return run(scene, *start.of(scene), **settings)
+    return run(scene, *start.of(scene), **times, adjoint=adjoint, throw=False, **settings.by_name())
 
 
 def samples(motion: Trajectory | Solution) -> tuple:

@@ -1,23 +1,14 @@
 """A fit in pictures."""
 
 import itertools
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from .result import FitResult
+from matplotlib.figure import Figure
 
 
-def plot_fit(result: "FitResult") -> Any:
-    """A Matplotlib figure: data and fit with the events marked, residuals, and the loss at every iteration.
-
-    Raises: ImportError, saying what to install, if Matplotlib is missing.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("Plots need Matplotlib: pip install 'hybridsens[plot]'.") from error
+def plot_fit(result: Any) -> Any:
+    """A figure of a `FitResult`: data and fit with the events marked, residuals, and the loss at every iteration."""
     figure = Figure(figsize=(8, 9), layout="constrained")
     above, middle, below = figure.subplots(3, 1)
     _plot_data(above, result)
@@ -26,7 +17,7 @@ def plot_fit(result: "FitResult") -> Any:
     return figure
 
 
-def _plot_data(axes: Any, result: "FitResult") -> None:
+def _plot_data(axes: Any, result: Any) -> None:
     data = result.data
     for i, name in enumerate(data.names):
         line = axes.plot(data.times, result.predictions[:, i], label=f"{name}, fit")[0]
@@ -37,7 +28,7 @@ def _plot_data(axes: Any, result: "FitResult") -> None:
         axes.legend()
 
 
-def _plot_residuals(axes: Any, result: "FitResult") -> None:
+def _plot_residuals(axes: Any, result: Any) -> None:
     for i, name in enumerate(result.data.names):
         axes.plot(result.data.times, result.residuals[:, i], ".", label=name)
     if result.event_residuals.size:
@@ -47,7 +38,7 @@ def _plot_residuals(axes: Any, result: "FitResult") -> None:
     axes.set(xlabel="t [s]", title="residuals (model - measurement)")
 
 
-def _plot_convergence(axes: Any, result: "FitResult") -> None:
+def _plot_convergence(axes: Any, result: Any) -> None:
     """A line for each stage: their losses are not those of one problem."""
     loss, first = np.array([line.loss for line in result.history]), 0
     for _, lines in itertools.groupby(result.history, key=lambda line: line.stage):
@@ -61,7 +52,7 @@ def _plot_convergence(axes: Any, result: "FitResult") -> None:
         axes.legend()
 
 
-def _mark_events(axes: Any, result: "FitResult") -> None:
+def _mark_events(axes: Any, result: Any) -> None:
     events = result.trajectory.events
     for time in np.asarray(events.time)[: int(events.count)]:
         axes.axvline(time, color="gray", linestyle="--", linewidth=0.8)

@@ -1,7 +1,7 @@
 """From what a user says to a least-squares problem: observations by name, weights, priors, the horizon."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,32 +13,52 @@ from ..mechanics.switches import has_switches
 from ..system import AbstractHybridSystem
 from ..validation.spelling import did_you_mean
 from .data import Measurements
-from .motions import Numerics, Start, entries, picks
+from .motions import FixedSettings, Start, entries, picks
 from .parameters import Bounds, Selection, select
 from .problem import Observations, Prior, Problem
 
+SETTINGS = dict(rtol=1e-8, atol=1e-8, max_events=256, max_steps=4096)
+"""What the motions of a fit are computed with by default."""
 BEYOND = 0.1
 """How far beyond the last measured event a motion goes on, relative to the time until then."""
 
 
-def problem(
-    scene, data: Measurements, numerics: Numerics, *, parameters: str | Sequence[str] | None = None,
-    observe: Callable[..., Any] | None = None, state: Any = None, mode: Any = None,
-    bounds: Bounds | None = None, priors: Mapping[str, Any] | None = None, robust: float | None = None,
-    t0: float = 0.0, t1: float | None = None,
+class Unknowns(NamedTuple):
+    """What is fitted, and what is known of it beforehand; see `fit`."""
+
+    parameters: str | Sequence[str] | None = None
+    bounds: Bounds | None = None
+    priors: Mapping[str, Any] | None = None
+
+
+class Experiment(NamedTuple):
+    """The motion that was measured: how it began, what was seen of it, and when; see `fit`."""
+
+    state: Any = None
+    mode: Any = None
+    observe: Callable[..., Any] | None = None
+    t0: float = 0.0
+    t1: float | None = None
+    settings: Mapping[str, Any] = SETTINGS
+    """`Settings` of `simulate` or `solve`."""
+
+
+def build_problem(
+    scene, data: Measurements, unknowns: Unknowns, experiment: Experiment = Experiment(), robust: float | None = None,  # noqa: B008
 ) -> Problem:  # fmt: skip
-    """The least-squares problem of a fit; the arguments are those of `fit`.
+    """The least-squares problem of a fit.
 
     Raises: ValueError or TypeError for what does not fit together.
     """
     scene = concrete(scene)
-    begin = beginning(scene, state, mode)
-    selection = select(scene, parameters, bounds)
-    end = horizon(data, t0, t1)
+    begin = beginning(scene, experiment.state, experiment.mode)
+    selection = select(scene, unknowns.parameters, unknowns.bounds)
+    end = horizon(data, experiment.t0, experiment.t1)
+    observe = observer(experiment.observe, scene, begin.of(scene), data.names)
     return Problem(
-        scene, selection, begin, observer(observe, scene, begin.of(scene), data.names), observations(data),
-        prior(selection, priors), jnp.asarray(float(t0)), jnp.asarray(end), jnp.asarray(sigma_unit(data)),
-        jnp.asarray(jnp.inf if robust is None else float(robust)), numerics,
+        scene, selection, begin, observe, observations(data), prior(selection, unknowns.priors),
+        jnp.asarray(float(experiment.t0)), jnp.asarray(end), jnp.asarray(sigma_unit(data)),
+        jnp.asarray(jnp.inf if robust is None else float(robust)), FixedSettings.of(experiment.settings),
     )  # fmt: skip
 
 

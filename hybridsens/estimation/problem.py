@@ -13,7 +13,7 @@ from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 from ..status import Status
 from .horizon import Stage
-from .motions import EventRows, Numerics, Start, event_rows, motion_of, samples, strikes
+from .motions import EventRows, FixedSettings, Start, event_rows, motion_of, samples, strikes
 from .parameters import Selection
 
 
@@ -71,7 +71,7 @@ class Problem(eqx.Module):
     """How large a residual of one sigma is: 1 where sigmas were given."""
     robust: Float[Array, ""]
     """Residuals beyond this (in sigmas) count linearly (pseudo-Huber); inf: all count squared."""
-    numerics: Numerics
+    settings: FixedSettings
     stage: Stage | None = None
     """None: the whole problem."""
 
@@ -111,7 +111,7 @@ class Problem(eqx.Module):
         """The motion at the data's times."""
         end = self.motion_end
         ts = jnp.minimum(self.data.times, end)
-        return motion_of(scene, self.start, (self.t0, end), ts, self.numerics, adjoint)
+        return motion_of(scene, self.start, (self.t0, end), ts, self.settings, adjoint)
 
     def observed(self, scene, motion: Trajectory | Solution) -> Float[Array, "sample observation"]:
         """What would be measured of a motion at the data's times."""

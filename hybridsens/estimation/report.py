@@ -1,28 +1,24 @@
 """A fit in words."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from .watch import Sequence
 
-if TYPE_CHECKING:
-    from .result import FitResult
-
-
 _EXACT = 1e-6
 """Residuals smaller than this part of the data are rounding, and alike from sample to sample."""
 
 
-def report(result: "FitResult") -> str:
-    """What `print(result)` shows."""
+def report(result: Any) -> str:
+    """What `print` shows of a `FitResult`."""
     rest = [*_events(result), *_directions(result), *_doubts(result)]
     return "\n".join([*_head(result), "", *_parameters(result), "", *rest])
 
 
-def _head(result: "FitResult") -> Iterator[str]:
+def _head(result: Any) -> Iterator[str]:
     yield (
         f"fit {result.stopped} after {result.iterations} iterations: loss {result.history[0].loss:.6g} -> "
         f"{result.loss:.6g}, gradient norm {result.history[-1].gradient_norm:.3g}"
@@ -45,7 +41,7 @@ def _head(result: "FitResult") -> Iterator[str]:
         )
 
 
-def _parameters(result: "FitResult") -> Iterator[str]:
+def _parameters(result: Any) -> Iterator[str]:
     width = max(12, *map(len, result.labels))
     yield f"{'parameter':<{width}} {'guess':>12} {'value':>12} {'std error':>12} {'95 % interval':>28}"
     intervals, errors = result.intervals(), result.standard_errors
@@ -55,7 +51,7 @@ def _parameters(result: "FitResult") -> Iterator[str]:
         yield f"{label:<{width}} {guess:>12.6g} {value:>12.6g} {errors[label]:>12.3g} {interval:>28}"
 
 
-def _events(result: "FitResult") -> Iterator[str]:
+def _events(result: Any) -> Iterator[str]:
     start, end = result.sequence_start, result.sequence_end
     yield f"events at the guess: {_sequence(start)}"
     yield f"events at the end:   {'the same' if start == end else _sequence(end)}"
@@ -65,7 +61,7 @@ def _events(result: "FitResult") -> Iterator[str]:
         )
 
 
-def _directions(result: "FitResult") -> Iterator[str]:
+def _directions(result: Any) -> Iterator[str]:
     for label in result.uncertainty.unseen:
         why = "it lies on its bound" if label in result.on_bound else "nothing that was measured depends on it"
         yield f"not determined by the data: {label}, since {why}"
@@ -78,7 +74,7 @@ def _directions(result: "FitResult") -> Iterator[str]:
         yield f"strongly correlated: {result.labels[i]} and {result.labels[j]} ({result.correlation[i, j]:+.3f})"
 
 
-def _doubts(result: "FitResult") -> Iterator[str]:
+def _doubts(result: Any) -> Iterator[str]:
     """What speaks against the intervals: events that are missing, residuals that are no noise of the sigmas given."""
     if result.uncertainty.exact:
         yield (

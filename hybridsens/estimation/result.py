@@ -11,9 +11,11 @@ from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 from .data import Measurements
 from .dataset import fit_dataset
+from .plot import plot_fit
+from .report import report
 from .starts import Starts
 from .uncertainty import Uncertainty, half_width, neighbour_correlation, weak_directions
-from .watch import Iteration, Sequence
+from .watch import INTERRUPTED, Iteration, Sequence
 
 
 class FitResult(eqx.Module):
@@ -56,8 +58,6 @@ class FitResult(eqx.Module):
     """(sample, observation) what the fitted motion shows there, also where nothing was measured."""
     starts: Starts | None
     """What became of many starts, if there were any."""
-    carry: Any
-    """The optimizer's state; `fit(..., resume=result)` goes on from it."""
 
     @property
     def covariance(self) -> np.ndarray:
@@ -78,6 +78,11 @@ class FitResult(eqx.Module):
     def converged(self) -> bool:
         """Whether the optimizer ended where it should."""
         return self.stopped == "converged"
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the fit: this is the best point until then. To go on, fit `scene` again."""
+        return self.stopped == INTERRUPTED
 
     @property
     def residual_correlation(self) -> dict[str, float]:
@@ -127,12 +132,8 @@ class FitResult(eqx.Module):
         self.to_xarray().to_netcdf(path, engine="netcdf4")
 
     def __str__(self) -> str:
-        from .report import report
-
         return report(self)
 
     def plot(self):
         """A Matplotlib figure of data and fit, residuals, and convergence; see `plot.plot_fit`."""
-        from .plot import plot_fit
-
         return plot_fit(self)

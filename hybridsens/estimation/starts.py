@@ -14,6 +14,20 @@ from .optimizers import Method
 from .problem import Problem
 
 
+class RandomStarts(eqx.Module):
+    """So many starting points within +-`spread` of the guess, relatively; the guess itself is the first of them."""
+
+    count: int = 1
+    spread: float = 0.3
+    seed: int = 0
+
+    def __check_init__(self):
+        if self.count < 1 or not 0 < self.spread < 1:
+            raise ValueError(
+                f"`count` must be >= 1 and `spread` inside (0, 1), but they are {self.count} and {self.spread}."
+            )
+
+
 class Starts(NamedTuple):
     """What became of every start."""
 
@@ -25,16 +39,11 @@ class Starts(NamedTuple):
     converged: Bool[Array, "start"]
 
 
-def spread_starts(problem: Problem, z, count: int, spread: float, seed: int) -> Float[Array, "start unknown"]:
-    """Starting points: the guess, and values drawn uniformly within +-spread of it, relatively, inside the bounds.
-
-    Raises: ValueError for a count below 1 or a spread outside (0, 1).
-    """
-    if count < 1 or not 0 < spread < 1:
-        raise ValueError(f"`starts` must be >= 1 and `spread` inside (0, 1), but they are {count} and {spread}.")
+def spread_starts(problem: Problem, z, starts: RandomStarts) -> Float[Array, "start unknown"]:
+    """Starting points: the guess, and values drawn uniformly around it, inside the bounds."""
     selection = problem.selection
     guess = np.asarray(selection.to_values(z))
-    factors = np.random.default_rng(seed).uniform(-spread, spread, (count - 1, guess.size))
+    factors = np.random.default_rng(starts.seed).uniform(-starts.spread, starts.spread, (starts.count - 1, guess.size))
     values = guess + factors * np.asarray(selection.scale)
     inside = lambda bound: guess + 0.95 * (bound - guess)
     values = np.clip(values, inside(selection.lower), inside(selection.upper))

@@ -35,23 +35,32 @@ class Uncertainty(NamedTuple):
     """No sigmas were given, and the residuals are zero to rounding: they do not tell how uncertain the data are."""
 
 
-def uncertainty(
-    labels: Sequence[str], values, residuals, jacobian, prior_weight, *, sigmas_given: bool, robust: float = np.inf,
-    largest: float = 0.0, rounding: float = 0.0,
-) -> Uncertainty:  # fmt: skip
+class Noise(NamedTuple):
+    """What is known of the noise of the data."""
+
+    sigmas_given: bool
+    robust: float = np.inf
+    """Residuals beyond so many sigmas counted linearly; inf: none did."""
+    largest: float = 0.0
+    """The largest datum in sigmas."""
+    rounding: float = 0.0
+    """A standard deviation of residuals that is no noise where no sigmas were given."""
+
+
+def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight, noise: Noise) -> Uncertainty:
     """Uncertainty from plain data residuals r (in sigmas) and their Jacobian J = dr/dp.
 
     With known sigmas s = 1, otherwise s^2 = sum psi(r)^2 / (n - p) / mean(psi')^2, where psi(r) = r, or
     r / sqrt(1 + (r/c)^2) for a robust fit with finite c (Huber's covariance of an M-estimator, also used with known
-    sigmas then). `largest` is the largest datum in sigmas, `rounding` an s that is no noise where no sigmas were given.
+    sigmas then).
     """
     r, J, p = np.asarray(residuals), np.asarray(jacobian), np.asarray(values)
     freedom = max(r.size - p.size, 1)
-    noise = _noise(r, freedom, robust)
-    exact = not sigmas_given and noise <= rounding
+    seen = _noise(r, freedom, noise.robust)
+    exact = not noise.sigmas_given and seen <= noise.rounding
     size = np.where(p == 0, 1.0, np.abs(p))
-    unseen = np.max(np.abs(J * size), axis=0, initial=0) <= _ROUNDING * np.finfo(J.dtype).eps * largest
-    unit = 1.0 if sigmas_given and np.isinf(robust) else max(noise, rounding)
+    unseen = np.max(np.abs(J * size), axis=0, initial=0) <= _ROUNDING * np.finfo(J.dtype).eps * noise.largest
+    unit = 1.0 if noise.sigmas_given and np.isinf(noise.robust) else max(seen, noise.rounding)
     rows = np.vstack([np.where(unseen, 0, J) / (unit if unit > 0 else 1.0), np.diag(prior_weight)])
     covariance, null = _inverse(rows * size)
     covariance = covariance * np.outer(size, size)
@@ -59,8 +68,8 @@ def uncertainty(
     if exact:
         covariance = np.where(np.isinf(covariance), covariance, np.nan)
     return Uncertainty(
-        covariance, np.sqrt(np.diag(covariance)), correlation, noise, freedom,
-        quantile_freedom=np.inf if sigmas_given else float(freedom),
+        covariance, np.sqrt(np.diag(covariance)), correlation, seen, freedom,
+        quantile_freedom=np.inf if noise.sigmas_given else float(freedom),
         null_directions=[dict(zip(labels, map(float, direction), strict=True)) for direction in null],
         unseen=tuple(label for label, hidden in zip(labels, unseen, strict=True) if hidden), exact=exact,
     )  # fmt: skip

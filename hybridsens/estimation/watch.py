@@ -3,21 +3,21 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..status import Status
-from .checkpoint import Checkpoint
 from .iterate import Pace
 from .motions import KINDS, EventRows
 from .outcome import Outcome
 from .problem import Trial
+from .store import Store
 
 Sequence = tuple[tuple[str, int], ...]
 """An event sequence: (kind, contact) of every event in the order of time."""
 
+WHOLE = "full"
+"""The name of the whole problem, where stages of it have names too."""
 STOPPED = "stopped by the callback"
+INTERRUPTED = "interrupted"
 
 
 class GuessFailed(ValueError):
@@ -46,7 +46,7 @@ class Audience(NamedTuple):
 
     callback: Callable[[Iteration], Any] | None = None
     """Stops the run by returning True."""
-    checkpoint: Checkpoint | None = None
+    store: Store | None = None
     """Keeps the best point on disk."""
     pace: Pace | None = None
     """How many iterations pass between two looks; by default one."""
@@ -61,14 +61,14 @@ def event_sequence(trial: Trial | EventRows) -> Sequence:
 
 def failure(trial: Trial) -> str:
     """Why a trial point could not be evaluated."""
-    return Status[jax.tree.map(jnp.asarray, trial.status)] or "a residual or its derivative is not finite."
+    return trial.status.message or "a residual or its derivative is not finite."
 
 
 class Watch:
     """Remembers the history of one run, and the best point of its present stage."""
 
-    def __init__(self, z, stage: str, audience: Audience):
-        self.name, self.audience = stage, audience
+    def __init__(self, z, audience: Audience):
+        self.audience = audience
         self.z, self.loss, self.history = z, float("inf"), []
         self.stage, self.number, self.idle = "", 0, 0
         self.first = self.best = self.last = ()
@@ -76,7 +76,7 @@ class Watch:
     @property
     def whole(self) -> bool:
         """Whether the whole problem has begun, and not stages of it alone."""
-        return self.stage == self.name
+        return self.stage == WHOLE
 
     def see(self, outcome: Outcome) -> str:
         """Record an iteration; returns why to stop, or nothing."""
@@ -101,7 +101,7 @@ class Watch:
             if in_stage:
                 return ""
             raise GuessFailed(self._no_motion(failure(outcome.trial)))
-        self.stage = f"horizon {float(outcome.trial.end):.3g}" if in_stage else self.name
+        self.stage = f"horizon {float(outcome.trial.end):.3g}" if in_stage else WHOLE
         self.z, self.loss, self.number, self.idle = outcome.z, float(outcome.loss), 0, 0
         self.first = self.best = self.last = event_sequence(outcome.trial)
         return self._tell(outcome, self.first, changed=False)
@@ -115,8 +115,8 @@ class Watch:
         )
 
     def _keep(self) -> None:
-        if self.audience.checkpoint is not None:
-            self.audience.checkpoint.write(self.z)
+        if self.audience.store is not None:
+            self.audience.store.write(self.z)
 
     def _tell(self, outcome: Outcome, sequence: Sequence, changed: bool) -> str:
         why = failure(outcome.trial) if bool(outcome.trial.failed) else ""

@@ -7,7 +7,6 @@ import jax
 import jax.core
 import numpy as np
 
-from ..status import Status
 from .libraries import optional
 from .names import contact_names, coordinate_names
 from .trees import named_leaves, structure
@@ -65,7 +64,7 @@ def _events(events) -> dict[str, tuple]:
 def _attributes(motion) -> dict[str, Any]:
     return {
         "hybridsens": "trajectory",
-        "status": Status[motion.status] or "successful",
+        "status": motion.status.message or "successful",
         "status_code": status_code(motion.status),
         "steps_accepted": int(motion.steps.accepted),
         "steps_rejected": int(motion.steps.rejected),

@@ -8,11 +8,10 @@ microsecond of every segment. The same number is found by plain arithmetic.
 import contextlib
 import types
 
+import equinox.internal as theirs
 import jax.numpy as jnp
 from diffrax import _integrate
 from jaxtyping import Array, Float
-
-_THEIRS = _integrate.eqxi
 
 
 def prevbefore(t: Float[Array, ""]) -> Float[Array, ""]:
@@ -22,14 +21,14 @@ def prevbefore(t: Float[Array, ""]) -> Float[Array, ""]:
     return t - jnp.maximum(spacing, jnp.finfo(t.dtype).tiny)
 
 
-_OURS = types.SimpleNamespace(**{**vars(_THEIRS), "prevbefore": prevbefore})
+_OURS = types.SimpleNamespace(**{**vars(theirs), "prevbefore": prevbefore})
 
 
 @contextlib.contextmanager
 def short_clip_floor():
     """While Diffrax traces a solve of ours, its `prevbefore` is the one above; other solves keep theirs."""
-    _integrate.eqxi = _OURS
+    _integrate.eqxi = _OURS  # pyright: ignore[reportPrivateImportUsage]
     try:
         yield
     finally:
-        _integrate.eqxi = _THEIRS
+        _integrate.eqxi = theirs  # pyright: ignore[reportPrivateImportUsage]

@@ -16,6 +16,7 @@ from .contact import gap_and_rate
 from .mass import ConstantMass, is_positive_definite, mass_entries
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene, State
+from .status import ContactStatus
 from .typed import as_written
 
 
@@ -82,9 +83,9 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status
     entries = [jnp.ravel(part) for part in jax.tree.leaves(mass_entries(mass))]
     values = jnp.concatenate([q, v, *entries, gap, rate, scene.force(t, q, v), t[None]])
     requirements = (
-        (Status.penetration, (event != -1) | all_of(gap >= -gap_tolerance(mode.length))),
-        (Status.bad_restitution, all_of((e >= 0) & (e <= 1))),
-        (Status.bad_mass_matrix, _definite(mass, event)),
+        (ContactStatus.penetration, (event != -1) | all_of(gap >= -gap_tolerance(mode.length))),
+        (ContactStatus.bad_restitution, all_of((e >= 0) & (e <= 1))),
+        (ContactStatus.bad_mass_matrix, _definite(mass, event)),
         (Status.non_finite, all_of(jnp.isfinite(values))),
     )
     status = Status.running

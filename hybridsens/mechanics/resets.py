@@ -21,6 +21,7 @@ from .few import among_few
 from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
 from .scene import AbstractScene
+from .status import ContactStatus
 
 NEAR = 1e3
 """Gaps up to so many times what counts as closed are looked at, where not all are: a scale may have grown since."""
@@ -106,7 +107,7 @@ def _judge(scene: AbstractScene, capture_speed, depth, event, t, q, v, mode: Con
     met = (event >= 0) & ~is_release
     guard = at_event.gap[event] + mode.margin[event]
     jumped = met & has_jumped(guard, at_event.rate[event], mode.length[event], t)
-    status = Status.where(jumped, Status.gap_not_smooth, Status.running)
+    status = Status.where(jumped, ContactStatus.gap_not_smooth, Status.running)
     grazing = met & _is_grazing(at_event.rate[event], at_event.gap_acceleration[event], deepest)
     if not scene.sustained_contact:
         return _bounce(scene, at_event, event, t, q, v, mode, grazing, status)

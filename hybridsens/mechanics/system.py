@@ -25,6 +25,7 @@ from .laws import transition_impulse
 from .mode import ContactMode, gap_tolerance
 from .resets import ImpactDetail, decide_transition
 from .scene import AbstractScene
+from .status import ContactStatus
 from .typed import Fixed, as_written, number
 
 ROUNDED = 8
@@ -188,7 +189,8 @@ class MechanicalSystem(AbstractFlatSystem):
     def stuck(self, t, x, mode: ContactMode) -> Status:
         """A gap that jumps or has a corner is told from forces that are stiff."""
         q, v, _ = self.split(x)
-        return Status.where(is_not_smooth(self.scene, t, q, v, mode), Status.gap_not_smooth, Status.step_size_underflow)
+        not_smooth = is_not_smooth(self.scene, t, q, v, mode)
+        return Status.where(not_smooth, ContactStatus.gap_not_smooth, Status.step_size_underflow)
 
     def unconstrained(self, mode: ContactMode):
         """While every contact is open, v' = M^-1 F: no multipliers, nothing to project."""

@@ -183,7 +183,7 @@ class Trajectory(eqx.Module):
         return "\n".join([*self._head(), *event_table(self.events), f"final: {state_text(self.final)}"])
 
     def _head(self):
-        message = Status[self.status] or "successful"
+        message = self.status.message or "successful"
         accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
         yield f"status: {message}"
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"

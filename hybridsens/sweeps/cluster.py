@@ -1,23 +1,26 @@
 """A sweep on many machines: one task a chunk on a `dask.distributed` client, each writing its part of one store."""
 
 import functools
+import pickle
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 
+from ..configure import configure
+from .engine import Engine
+from .store import ZarrStore
+
 if TYPE_CHECKING:
     from dask.distributed import Client
-
-    from .engine import Engine
 
 Tile = dict[str, slice]
 
 
 def run_on_cluster(
     client: "Client",
-    make_engine: Callable[[], "Engine"],
+    make_engine: Callable[[], Engine],
     location: Any,
     tasks: Iterator[tuple[Tile, dict[str, np.ndarray]]],
 ) -> Iterator[Tile]:
@@ -26,7 +29,7 @@ def run_on_cluster(
     A worker that dies takes only its unfinished tiles with it, and they run again elsewhere; writing a tile twice
     writes the same numbers to the same place. All workers must reach the store.
     """
-    try:
+    try:  # an optional extra
         import cloudpickle
         from dask.distributed import as_completed
     except ImportError as error:
@@ -44,18 +47,12 @@ def run_on_cluster(
 
 def run_tile(program: bytes, x64: bool, location: Any, tile: Tile, columns: dict[str, np.ndarray]) -> None:
     """The task: compute one tile on this worker and write it."""
-    from .store import ZarrStore
-
     ZarrStore(location).write(tile, _engine(program, x64).run(columns))
 
 
 @functools.lru_cache(maxsize=4)
-def _engine(program: bytes, x64: bool) -> "Engine":
+def _engine(program: bytes, x64: bool) -> Engine:
     """One engine a worker process and sweep, so that it compiles once."""
-    import pickle
-
-    from ..configure import configure
-
     try:
         configure(x64=x64)
     except RuntimeError:  # JAX runs already, with its own flags; the precision can still be set

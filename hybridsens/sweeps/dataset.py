@@ -46,7 +46,7 @@ def remedies(dataset: "xr.Dataset") -> dict[str, str]:
 
 def xarray():
     """The package, or a word about how to get it."""
-    try:
+    try:  # an optional extra
         import xarray
     except ImportError as error:
         raise ImportError("A sweep needs xarray: pip install 'hybridsens[sweep]'.") from error

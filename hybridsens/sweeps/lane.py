@@ -29,7 +29,7 @@ class Wanted(NamedTuple):
 
 def status_names() -> tuple[str, ...]:
     """Names of the statuses; a status is stored as its place in this list."""
-    return tuple(Status._name_to_item)  # Equinox has no public way to list an enumeration
+    return Status.names()
 
 
 def evaluate(cost: Callable, scene: Any, wanted: Wanted, columns: dict[str, Any]) -> dict[str, Any]:

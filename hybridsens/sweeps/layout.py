@@ -122,4 +122,4 @@ def _inner_dims(name, shape) -> tuple[str, ...]:
 
 def remedy(code: int) -> str:
     """What a status means and what to do about it."""
-    return Status._index_to_message[code]  # Equinox has no public way to list an enumeration
+    return Status.messages()[code]

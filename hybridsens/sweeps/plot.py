@@ -3,23 +3,23 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 
 from .dataset import gradients
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
-def plot_sweep(dataset: "xr.Dataset") -> "Figure":
+def plot_sweep(dataset: "xr.Dataset") -> Figure:
     """Maps of J, of |dJ/dp| for both varied parameters, and of the number of events, over a grid of two parameters.
 
     Lines separate regions with different sequences of events: J has a kink or a jump there. Failed points are blank.
     Raises: ValueError unless the points are a grid of two parameters (choose with `dataset.sel` or `.isel`).
     """
-    from matplotlib.figure import Figure
-
     dims = dataset.J.dims
     if len(dims) != 2 or any(dim not in dataset.coords for dim in dims):
         raise ValueError(f"A map must have a grid of two parameters, but the points have the dimensions {dims}.")
@@ -37,10 +37,8 @@ def plot_sweep(dataset: "xr.Dataset") -> "Figure":
     return figure
 
 
-def draw_map(axes: "Axes", values: "xr.DataArray", logarithmic: bool = False) -> None:
+def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> None:
     """A coloured map of (x, y) values with its colour bar."""
-    from matplotlib.colors import LogNorm
-
     x, y = (str(dim) for dim in values.dims)
     positive = np.any(values.values > 0)
     edges = _edges(values[x].values), _edges(values[y].values)
@@ -51,10 +49,8 @@ def draw_map(axes: "Axes", values: "xr.DataArray", logarithmic: bool = False) ->
     axes.set_ylabel(_label(values[y]))
 
 
-def draw_borders(axes: "Axes", sequence: "xr.DataArray") -> None:
+def draw_borders(axes: Axes, sequence: "xr.DataArray") -> None:
     """Lines between neighbouring points whose motions have different sequences of events."""
-    from matplotlib.collections import LineCollection
-
     x, y = (_edges(sequence[dim].values) for dim in sequence.dims)
     lines = border_lines(x, y, sequence.values)
     axes.add_collection(LineCollection(lines, colors="white", linewidths=0.8), autolim=False)
@@ -68,15 +64,13 @@ def border_lines(x: np.ndarray, y: np.ndarray, sequence: np.ndarray) -> list:
 
 
 def plot_bifurcation(
-    dataset: "xr.Dataset", state: str = "q", component: int = 0, axes: "Axes | None" = None
-) -> "Figure":
+    dataset: "xr.Dataset", state: str = "q", component: int = 0, axes: Axes | None = None
+) -> Figure:
     """Bifurcation diagram: a state at each of the times asked for, over one parameter.
 
     Arguments: a sweep over one parameter with `states=True`, at times one period of the forcing apart, after the motion
     has settled; the state "q" or "v" and its component. Raises ValueError if the Dataset is not of that kind.
     """
-    from matplotlib.figure import Figure
-
     if state not in dataset:
         raise ValueError(
             f"A bifurcation diagram must have the states {state!r}, but the sweep kept none: use states=True."

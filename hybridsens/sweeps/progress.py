@@ -4,6 +4,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
 from .dataset import remedies, status_counts
 
 if TYPE_CHECKING:
@@ -19,15 +23,6 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
     if not shown:
         yield lambda done: None
         return
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
     columns = (
         TextColumn("sweep"), BarColumn(), MofNCompleteColumn(), TextColumn("points, {task.fields[rate]}"),
         TimeElapsedColumn(), TextColumn("elapsed,"), TimeRemainingColumn(), TextColumn("left"),
@@ -47,9 +42,6 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
 
 def print_statuses(dataset: "xr.Dataset") -> None:
     """How many points ended how, and what can be done about those that failed."""
-    from rich.console import Console
-    from rich.table import Table
-
     counts, meaning = status_counts(dataset), remedies(dataset)
     table = Table(title=f"{sum(counts.values()):,} points", title_justify="left")
     table.add_column("status")

@@ -57,7 +57,8 @@ def sweep(
     - `mapped`: run a device's lanes one after the other (default on a CPU) or in step (default elsewhere).
     - `client`: a `dask.distributed` client; needs a `store` that all workers reach.
     - `units`: units by the name of a parameter or result, for the attributes of the Dataset.
-    - `progress`: show a bar, and a table of statuses at the end.
+    - `progress`: show a bar, and a table of statuses at the end. Ctrl-C ends the sweep and keeps the chunks that are
+      finished; the attribute `interrupted` says so.
 
     Returns: an xarray Dataset with the design's dimensions: J, dJ_d<name>, status, and with a trajectory event_count,
     event_sequence (equal numbers: the same sequence), grazing_margin [m/s], steps, event_time [s], event_kind,
@@ -79,11 +80,17 @@ def sweep(
     else:
         target = open_or_create(store, _digest(design, program, first, edges), layout, coords, edges, attributes)
     make_engine = functools.partial(Engine, program, points_in(tiles(edges, edges)[0]), devices, mapped)
-    _run_all(design, edges, target, make_engine, client, progress)
+    interrupted = False
+    try:
+        _run_all(design, edges, target, make_engine, client, progress)
+    except KeyboardInterrupt:
+        interrupted = True
     if isinstance(target, ZarrStore):
         dataset = from_store(store, layout)
     else:
         dataset = from_memory(target.arrays, layout, coords, attributes)
+    if interrupted:
+        dataset.attrs["interrupted"] = "by Ctrl-C: the points that were not reached have no values"
     if progress:
         print_statuses(dataset)
     return dataset

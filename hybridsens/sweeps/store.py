@@ -137,7 +137,7 @@ def _create(location, digest, layout, coordinates, edges, attributes):
 
 
 def _zarr():
-    try:
+    try:  # an optional extra
         import zarr
         import zarr.errors
     except ImportError as error:

@@ -5,7 +5,7 @@ and that plain automatic differentiation goes through all of it.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Required, TypedDict
 
 import diffrax
 import jax
@@ -20,10 +20,6 @@ from ...mechanics.system import MechanicalSystem
 from ...mechanics.trajectory import Events
 from .motion import BaselineMotion, flat_problem
 
-SolveSegment = Callable[..., diffrax.Solution]
-"""(system, mode, t, x, t1, tolerance, max_steps, saveat) -> solution that ended at the first event or at t1."""
-
-
 MAX_STEPS = 4096
 """Room for the steps of one segment."""
 
@@ -36,6 +32,19 @@ class Place(NamedTuple):
     mode: Any
 
 
+SolveSegment = Callable[[MechanicalSystem, Place, Any, float, diffrax.SaveAt], diffrax.Solution]
+"""(system, start, t1, tolerance, saveat) -> solution that ended at the first event or at t1."""
+
+
+class Asked(TypedDict, total=False):
+    """What a cost asks of a motion beside its start, as of `hybridsens.simulate`."""
+
+    t0: Any
+    t1: Required[Any]
+    ts: Any
+    running_cost: Any
+
+
 def first_event(root_finder: optx.AbstractRootFinder | None) -> diffrax.Event:
     """Ends a solve where the smallest guard falls through zero; without a root finder at the end of that step."""
 
@@ -46,22 +55,20 @@ def first_event(root_finder: optx.AbstractRootFinder | None) -> diffrax.Event:
     return diffrax.Event(smallest_guard, root_finder, direction=False)
 
 
-def diffrax_solve(
-    system: MechanicalSystem, mode, t, x, t1, tolerance, max_steps, saveat, event=None
-) -> diffrax.Solution:  # fmt: skip
+def diffrax_solve(system: MechanicalSystem, start: Place, t1, tolerance, saveat, event=None) -> diffrax.Solution:
     """One `diffeqsolve` in a fixed mode."""
     return diffrax.diffeqsolve(
-        diffrax.ODETerm(lambda t, x, args: args[0].flow(t, x, args[1])), diffrax.Tsit5(), t, t1, None, x,
-        args=(system, mode), stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-        saveat=saveat, event=event, max_steps=max_steps,
+        diffrax.ODETerm(lambda t, x, args: args[0].flow(t, x, args[1])), diffrax.Tsit5(), start.t, t1, None,
+        start.x, args=(system, start.mode), saveat=saveat, event=event, max_steps=MAX_STEPS,
+        stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
     )  # fmt: skip
 
 
 def event_chain(
-    scene: AbstractScene, state: State, t0, t1, ts, running_cost, solve_segment: SolveSegment, tolerance: float,
-    max_events: int,
-) -> BaselineMotion:  # fmt: skip
+    scene: AbstractScene, state: State, asked: Asked, solve_segment: SolveSegment, tolerance: float, max_events: int
+) -> BaselineMotion:
     """Motion as `max_events + 1` solves in a row. A motion with more events comes back as NaN."""
+    t0, t1, ts, running_cost = asked.get("t0", 0.0), asked["t1"], asked.get("ts"), asked.get("running_cost")
     system, x0, structured = flat_problem(scene, state, t0, running_cost)
     t0, t1 = (jnp.asarray(t, x0.dtype) for t in (t0, t1))
     ts = None if ts is None else jnp.asarray(ts, x0.dtype)
@@ -69,7 +76,7 @@ def event_chain(
 
     def segment(carry, _):
         here, samples = carry
-        solution = solve_segment(system, here.mode, here.t, here.x, t1, tolerance, MAX_STEPS, saveat)
+        solution = solve_segment(system, here, t1, tolerance, saveat)
         assert solution.ts is not None and solution.ys is not None
         t, before = solution.ts[-1], solution.ys[-1]
         if ts is not None:

@@ -1,0 +1,55 @@
+"""One recorded step, as a gradient method is given it, and what it makes of a costate."""
+
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..forward.solver import one_step
+
+
+class RecordedStep(NamedTuple):
+    """One step of the solver, x1 = Phi(theta, t0, x0), in a mode that does not change within it.
+
+    The state is one vector: all of the user's state, and the running cost after it.
+    """
+
+    parameters: Any
+    """theta: the floating point leaves of the system."""
+    static: Any
+    """The rest of the system."""
+    mode: Any
+    t0: Float[Array, ""]
+    t1: Float[Array, ""]
+    x0: Float[Array, "state"]
+    solver: diffrax.AbstractSolver
+    """The motion's own."""
+    controlled: bool = False
+    """Whether an estimate of the error of what is returned is wanted: steps are then cut until it is small."""
+
+    def system(self, parameters: Any) -> Any:
+        """The system with these parameters."""
+        return eqx.combine(parameters, self.static)
+
+    def flow(self, parameters: Any, t: Float[Array, ""], x: Float[Array, "state"]) -> Float[Array, "state"]:
+        """f(theta, t, x) in the mode of this step."""
+        return self.system(parameters).flow(t, x, self.mode)
+
+    def advance(self, parameters: Any, x0: Float[Array, "state"], t: Float[Array, ""]) -> Float[Array, "state"]:
+        """The state at t in [t0, t1], by one step of the motion's own solver from (t0, x0)."""
+        return one_step(self.solver, self.system(parameters), self.mode, self.t0, t, x0)
+
+
+class StepBack(NamedTuple):
+    """What a costate becomes over one step."""
+
+    total: Any
+    """What the step adds to dJ/dtheta, of the structure of theta."""
+    psi: Float[Array, "state"]
+    """psi at its start."""
+    x1: Float[Array, "state"]
+    """The state at its end."""
+    total_error: Any = None
+    """Estimated error of `total`; None where the method controls its error by itself."""
+    psi_error: Any = None

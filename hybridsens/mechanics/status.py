@@ -1,0 +1,33 @@
+"""What else may become of a motion with contacts, and what outcomes of any motion mean there."""
+
+from ..status import Status, add_remark, numbered, outcome
+
+
+@numbered
+class ContactStatus(Status):
+    """How a motion of a mechanical scene ended: the outcomes of any motion, and those of contacts."""
+
+    gap_not_smooth = outcome(
+        "near the last time reached a gap jumps, or has a corner while its contact is held closed; the laws of contact "
+        "say nothing of either. Write two gaps in place of a `jnp.minimum`, round off the edge of a `jnp.maximum` or "
+        "of a table (by `jnp.logaddexp`, or a spline), and let a gap that depends on time move without a jump."
+    )
+    penetration = outcome("the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component.")
+    bad_restitution = outcome("every coefficient of restitution must lie in [0, 1].")
+    bad_mass_matrix = outcome(
+        "the mass matrix must be symmetric positive definite at the start and at every event, and is not."
+    )
+
+
+add_remark(
+    Status.max_events_reached,
+    "In a mechanical scene whose impacts accumulate, raise `capture_speed` so that the cascade ends in sustained "
+    "contact.",
+)
+add_remark(
+    Status.event_repeats,
+    "In a mechanical scene a contact would stay closed: if the scene sets `sustained_contact = False`, set it to True; "
+    "otherwise the laws of contact have no solution there.",
+)
+add_remark(Status.non_finite, "In a mechanical scene the flow comes from force and mass matrix, and guards from gaps.")
+add_remark(Status.bad_tolerance, "In a mechanical scene `capture_speed` must lie in [0, 1).")

@@ -1,0 +1,96 @@
+"""`hybridsens fit` reads a file, fits what is asked for, and says so."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from hybridsens.cli.fit import fit
+from tests.problems.stop_record import RECORD
+
+
+@pytest.mark.slow
+def test_a_scene_of_one_s_own_is_fitted_from_a_file(tmp_path, capsys):
+    """Assert that path/to/file.py:Class fits two parameters of SciPy's record and prints the true values."""
+    module = tmp_path / "own.py"
+    module.write_text(
+        "from hybridsens.scenes import ElasticStop\n\nclass Own(ElasticStop):\n    distance: float = 0.7\n"
+    )
+    fit(f"{module}:Own", RECORD, "distance,restitution_coefficient",
+        guess=["distance=0.61", "restitution_coefficient=0.78"],
+        robust=2.0, skip_missing=True, plot=tmp_path / "fit.png")  # fmt: skip
+    printed = capsys.readouterr().out
+    values = {
+        line.split()[0]: float(line.split()[2]) for line in printed.splitlines() if line.startswith(("dist", "rest"))
+    }
+    assert abs(values["distance"] - 0.6) < 0.01 and abs(values["restitution_coefficient"] - 0.8) < 0.02
+    assert (tmp_path / "fit.png").stat().st_size > 10_000
+
+
+def test_what_is_not_there_is_named():
+    """Assert that an unknown scene, file and bound are errors that say what is wrong."""
+    for scene, message in (("no-such", "there is no scene"), ("none.py:Scene", "there is no file none.py")):
+        with pytest.raises(typer.BadParameter, match=message):
+            fit(scene, RECORD, "distance", skip_missing=True)
+    with pytest.raises(typer.BadParameter, match="there is no scene 'elastic-stpo'.* Did you mean 'elastic-stop'"):
+        fit("elastic-stpo", RECORD, "distance", skip_missing=True)
+    with pytest.raises(typer.BadParameter, match="NAME=LO:HI"):
+        fit("elastic-stop", RECORD, "distance", bound=["distance=1:2:3"], skip_missing=True)
+
+
+@pytest.mark.parametrize(
+    ("guess", "message"),
+    [
+        ("distance", "must have the form NAME=NUMBER, .* but is 'distance'"),
+        ("distance=far", "must have the form NAME=NUMBER, .* but is 'distance=far'"),
+        ("distnace=1", "a guess must have a name among .*, but has 'distnace'. Did you mean 'distance'"),
+        ("distance=1,2", "a number for each of distance, but have 2"),
+    ],
+)
+def test_a_guess_that_is_none_is_shown_as_it_was_given(guess, message):
+    """Assert that a guess without a number, of no parameter, or with too many numbers is told what it must be."""
+    with pytest.raises(typer.BadParameter, match=message):
+        fit("elastic-stop", RECORD, "distance", guess=[guess], skip_missing=True)
+
+
+def test_a_class_that_is_not_in_a_file_is_answered_with_those_that_are(tmp_path):
+    """Assert that the scenes which a file defines are listed, and the one that was meant is named."""
+    module = tmp_path / "own.py"
+    module.write_text("from hybridsens.scenes import ElasticStop\n\nclass Cart(ElasticStop):\n    pass\n")
+    with pytest.raises(typer.BadParameter, match=r"AbstractHybridSystem 'Crat', but has Cart. Did you mean 'Cart'"):
+        fit(f"{module}:Crat", RECORD, "distance", skip_missing=True)
+    module.write_text("import hybridsens\n")
+    with pytest.raises(typer.BadParameter, match="but has none at all"):
+        fit(f"{module}:Cart", RECORD, "distance", skip_missing=True)
+
+
+@pytest.mark.slow
+def test_ctrl_c_prints_the_best_point_and_keeps_it(tmp_path):
+    """Assert that a signal in the middle of a slow descent ends it with a table and a file, and that a second run goes
+    on from that file."""
+    kept = tmp_path / "best.json"
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # ignored in background jobs
+    program = listen + "from hybridsens.cli.main import main; main()"
+    command = [sys.executable, "-c", program, "fit", "elastic-stop", "--data", str(RECORD), "--skip-missing",
+               "--parameters", "distance,restitution_coefficient", "--guess", "distance=0.7",
+               "--guess", "restitution_coefficient=0.7", "--optimizer", "adam", "--store", str(kept),
+               "--max-iterations"]  # fmt: skip
+    with subprocess.Popen([*command, "100000"], stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        lines = iter(run.stdout.readline, "")
+        first = next(line for line in lines if line.split()[:2] == ["full", "0"])
+        next(line for line in lines if line.split()[:2] == ["full", "20"])
+        run.send_signal(signal.SIGINT)
+        rest = "".join(lines)
+    assert run.returncode == 1 and "fit interrupted after" in rest and "95 % interval" in rest
+    best = json.loads(kept.read_text())
+    again = subprocess.run([*command, "1"], stdout=subprocess.PIPE, text=True).stdout
+    assert _loss(again) < 0.9 * _loss(first) and f"{best['distance']:.3g}"[:4] in again
+
+
+def _loss(text):
+    return float(re.search(r"loss (\S+)", text)[1])

@@ -1,0 +1,152 @@
+"""The table of gradient methods: naive gradients are wrong at any step, ours is right, and no row stops the table."""
+
+import csv
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hybridsens as hs
+from hybridsens.comparison.baselines import (
+    BaselineMotion,
+    constant_event_time,
+    events_at_root,
+    penalty_contact,
+    where_reset,
+)
+from hybridsens.comparison.compare import Reference, compare
+from hybridsens.comparison.compare_plot import plot_comparison
+from hybridsens.comparison.differentiate import central_differences
+from hybridsens.comparison.gradient_methods import GradientMethod, our_methods
+from hybridsens.scenes import BouncingBall
+from tests.problems import reference_scenes
+from tests.problems.references import RECORDS
+
+P2 = ("P2", reference_scenes.elastic_stop, 20.0, 0, lambda motion: motion.cost)
+CASES = {
+    "P1": ("P1", reference_scenes.bouncing_ball, 2.0, 0, lambda motion: motion.final.q[0]),
+    "P2": P2,
+    "P3": ("P3", reference_scenes.cylinder_slide, 2.5, 1, lambda motion: motion.final.q[1]),
+    "P4": ("P4", reference_scenes.stacked_balls, 1.5, 0, lambda motion: motion.final.q[1]),
+}
+"""Name of the record, scene of the parameters, horizon, which functional, and that functional of a motion."""
+
+
+class Ball(BouncingBall):
+    """A ball that is never held: its programs are small."""
+
+    sustained_contact = False
+
+
+def never_held(q0, v0, g, e):
+    """P1 in such a scene."""
+    return Ball(height=q0, velocity=v0, weight=g, restitution_coefficient=e)
+
+
+def squared(scene, t, q, v):
+    return q @ q
+
+
+def table(case, methods):
+    """Comparison of these methods on a reference problem, in its own parameters and with its own digits."""
+    name, scene_of, t1, index, functional = case
+    record = RECORDS[name]
+
+    def cost(p, simulate):
+        scene = scene_of(*p)
+        return functional(simulate(scene, scene.initial_state(), t1=t1, running_cost=squared))
+
+    reference = Reference(float(record["J"][index]), np.array([float(entry) for entry in record["dJ"][index]]))
+    return compare(jnp.array(record["p"]), cost, methods=methods, reference=reference, progress=False)
+
+
+def reverse(name, simulate):
+    return GradientMethod(name, simulate, "reverse")
+
+
+def test_replay_is_right_to_1e_7_in_the_table_of_the_elastic_stop():
+    """At tolerance 1e-8 the row of replay has both errors below 1e-7."""
+    row = table(P2, our_methods([hs.Replay()], dict(rtol=1e-8, atol=1e-8, max_events=16, max_steps=1024))).rows[0]
+    assert row.failure == "" and row.value_error < 1e-7 and row.gradient_error < 1e-7
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_where_reset_converges_in_value_but_not_in_gradient(case):
+    """Sixteen times smaller steps bring the value five times closer, and leave the gradient as wrong as it was."""
+    coarse, fine = table(case, [reverse(f"{n}", partial(where_reset, steps=n)) for n in (2000, 32000)]).rows
+    assert fine.value_error < coarse.value_error / 5
+    assert fine.gradient_error > 0.02
+    assert fine.gradient_error == pytest.approx(coarse.gradient_error, rel=0.2)
+
+
+def test_penalty_gradient_does_not_converge_with_the_step():
+    """With the springs as they are, three times smaller steps leave the elastic stop's gradient wrong by 17 percent."""
+    coarse, fine = table(P2, [reverse(f"{n}", partial(penalty_contact, steps=n)) for n in (16000, 48000)]).rows
+    assert fine.gradient_error == pytest.approx(0.17, abs=0.01)
+    assert fine.gradient_error == pytest.approx(coarse.gradient_error, rel=0.2)
+
+
+@pytest.mark.slow
+def test_only_the_root_finder_gives_event_times_a_derivative():
+    """On the bouncing ball events at the root are right, and the same motion with constant event times is wrong."""
+    chains = (partial(method, max_events=4) for method in (events_at_root, constant_event_time))
+    case = ("P1", never_held, *CASES["P1"][2:])
+    root, constant = table(case, [reverse(f"{k}", chain) for k, chain in enumerate(chains)]).rows
+    assert root.gradient_error < 1e-5
+    assert constant.value_error < 1e-5 and constant.gradient_error > 0.3
+
+
+def test_a_motion_that_is_not_finite_is_a_row_that_says_so():
+    """As a chain of solves with too little room for its events returns it: the row has a reason and no numbers."""
+
+    def lost(scene, state, **asked):
+        return BaselineMotion(hs.State(state.q * jnp.nan, state.v), None)
+
+    row = table(CASES["P1"], [reverse("lost", lost)]).rows[0]
+    assert "not finite" in row.failure and np.isnan(row.gradient_error)
+
+
+def test_ctrl_c_keeps_finished_rows(tmp_path):
+    """An interrupt in the second method leaves the first one's row, in the text, the CSV and the picture."""
+
+    def interrupted(*arguments, **settings):
+        raise KeyboardInterrupt
+
+    def failing(*arguments, **settings):
+        raise ValueError("no such contact")
+
+    methods = [reverse("failing", failing), reverse("where", partial(where_reset, steps=100))]
+    comparison = table(CASES["P1"], [*methods, reverse("stopped", interrupted), *methods])
+    assert comparison.interrupted and [row.method for row in comparison.rows] == ["failing", "where"]
+    assert "ValueError: no such contact" in str(comparison) and "interrupted" in str(comparison)
+    comparison.to_csv(tmp_path / "table.csv")
+    with open(tmp_path / "table.csv", newline="") as file:
+        written = {line["method"]: line for line in csv.DictReader(file)}
+    assert float(written["where"]["d/d value[3]"]) == comparison["where"].gradient[3]
+    plot_comparison(comparison).savefig(tmp_path / "table.png")
+
+
+def test_central_differences_turn_one_sided_at_the_edge():
+    """d(x^2)/dx at 1, where the function has values only up to 1: 2 to the order of the step."""
+    function = jax.jit(lambda x: (jnp.sum(x**2), jnp.all(x <= 1)))
+    _, gradient, _ = central_differences(function, bool)(jnp.array([1.0, 0.5]))
+    assert gradient == pytest.approx([2, 1], abs=1e-4)
+    assert abs(gradient[1] - 1) < 1e-9
+
+
+def test_a_cost_must_be_a_scalar_and_must_be_given():
+    """A vector cost is a failed reference, a scene without functional a TypeError."""
+    with pytest.raises(TypeError, match="must return a real scalar"):
+        compare(jnp.ones(2), lambda p, simulate: p, progress=False)
+    with pytest.raises(TypeError, match="`cost` must be given"):
+        compare(jnp.ones(2), progress=False)
+
+
+def test_every_study_is_found_in_the_package():
+    """Each name that is imported when it is first asked for is there, and no other."""
+    for name in hs._STUDIES:
+        assert getattr(hs, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        hs.nothing  # noqa: B018

@@ -1,0 +1,172 @@
+"""The study of accuracy against time: errors fall with the tolerance, the front is one, the advice follows from it."""
+
+import csv
+import importlib
+import sys
+
+import diffrax
+import numpy as np
+import pytest
+
+import hybridsens as hs
+from hybridsens.cli.main import run
+from hybridsens.comparison.compare import Reference
+from hybridsens.comparison.work_precision import Point, WorkPrecision, work_precision
+from hybridsens.comparison.work_precision_file import read_points, write_points
+from hybridsens.comparison.work_precision_plot import plot_work_precision
+from hybridsens.scenes import ElasticStop
+from tests.problems.references import RECORDS
+
+work_precision_module = importlib.import_module("hybridsens.comparison.work_precision")
+ROOM = dict(max_events=16, max_steps=2048, progress=False)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """P2 in the parameters of the scene: mass, stiffness k = omega^2 and damping c = 2 zeta omega by the chain rule.
+
+    m q'' = -k q - c q' + A cos(Omega t) depends on (m, k, c, A) only through ratios, so
+    m J_m = -(k J_k + c J_c + A J_A).
+    """
+    record = RECORDS["P2"]
+    omega, zeta, A, _, _, _ = record["p"]
+    by_omega, by_zeta, by_A, by_Omega, by_d, by_e = (float(entry) for entry in record["dJ"][0])
+    c_slope = by_zeta / (2 * omega)
+    k_slope = (by_omega - 2 * zeta * c_slope) / (2 * omega)
+    m_slope = -(omega**2 * k_slope + 2 * zeta * omega * c_slope + A * by_A)
+    gradient = np.array([m_slope, k_slope, c_slope, by_A, by_Omega, by_d, by_e])
+    return Reference(float(record["J"][0]), gradient)
+
+
+def scene():
+    omega, zeta, A, Omega, d, e = RECORDS["P2"]["p"]
+    return ElasticStop(1.0, omega**2, 2 * zeta * omega, A, Omega, d, e)
+
+
+def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_path, reference):
+    """By replay and by the continuous costate each factor of 1000 in the tolerance gains at least 100 in the gradient.
+
+    At 1e-11 both are right to 1e-10; the CSV holds the same points.
+    """
+    path = tmp_path / "points.csv"
+    methods = (hs.Replay(), hs.ContinuousCostate())
+    study = work_precision(
+        scene(), tolerances=(1e-5, 1e-8, 1e-11), solvers=[diffrax.Tsit5()], methods=methods, reference=reference,
+        store=path, **ROOM,
+    )  # fmt: skip
+    assert [point.method for point in study.points] == 3 * ["Replay"] + 3 * ["ContinuousCostate"]
+    errors = [point.gradient_error for point in study.points]
+    for loose, middle, tight in (errors[:3], errors[3:]):
+        assert middle < loose / 100 and tight < middle / 100 and tight < 1e-10
+    with open(path, newline="") as file:
+        assert [float(line["gradient_error"]) for line in csv.DictReader(file)] == errors
+    plot_work_precision(study).savefig(tmp_path / "points.png")
+
+
+class Meter:
+    """Stands for the measurement of a point; `stops_at` is when Ctrl-C is pressed."""
+
+    def __init__(self, stops_at=None):
+        self.count, self.stops_at = 0, stops_at
+
+    def __call__(self, call, reference):
+        if self.count == self.stops_at:
+            raise KeyboardInterrupt
+        self.count += 1
+        return 1e-7, float("nan") if self.count == 2 else 1 / 3, 0.1 * self.count, 0.5
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_an_interrupted_study_goes_on_where_it_stopped(ending, tmp_path, reference, monkeypatch):
+    """Three of eight points, then the five others; the file has every point once, to the last bit."""
+    path = tmp_path / f"points.{ending}"
+    asked = dict(tolerances=(1e-4, 1e-5), solvers=[diffrax.Tsit5()], dtypes=("float64", "float32"))
+    asked |= dict(methods=(hs.Replay(), hs.ContinuousCostate(rtol=1e-10)), reference=reference, store=path)
+    monkeypatch.setattr(work_precision_module, "_measure", first := Meter(stops_at=3))
+    begun = work_precision(scene(), **asked, **ROOM)
+    assert begun.interrupted and len(begun.points) == first.count == 3
+    assert _same(read_points(path, reference.value), begun.points)
+    monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
+    whole = work_precision(scene(), **asked, **ROOM)
+    assert second.count == 5 and not whole.interrupted and _same(whole.points[:3], begun.points)
+    assert len({point[:4] for point in whole.points}) == 8
+    assert _same(read_points(path, reference.value), whole.points)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def _same(found, expected) -> bool:
+    return repr(found) == repr(expected)  # nan is nan here
+
+
+def test_the_command_writes_points_and_goes_on_with_them(tmp_path, reference, monkeypatch, capsys):
+    """Eleven tolerances by one solver and one method; the second run measures nothing and gives the same advice."""
+    monkeypatch.setattr(work_precision_module, "tight_reference", lambda *scene: reference)
+    picture, points = tmp_path / "picture.png", tmp_path / "points.parquet"
+    asked = ["work-precision", "elastic-stop", "--no-single", "--solver", "Tsit5", "--method", "ContinuousCostate"]
+    asked += ["--output", str(picture), "--store", str(points), "--target", "0.5"]
+    monkeypatch.setattr(work_precision_module, "_measure", first := Meter())
+    assert run(asked) == 0 and first.count == 11
+    printed = capsys.readouterr().out
+    assert "for gradient error 5e-01 on this scene: Tsit5, rtol 1e-03, ContinuousCostate: 100 ms" in printed
+    monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
+    assert run(asked) == 0 and second.count == 0
+    assert capsys.readouterr().out == printed and picture.read_bytes().startswith(b"\x89PNG")
+    assert run(["work-precision", "--method", "Guessing"]) != 0
+    assert "there is no gradient method 'Guessing'; choose one of Replay" in capsys.readouterr().err
+
+
+def test_a_file_of_something_else_is_refused(tmp_path, reference):
+    """Points of another J, a table of another kind, another ending; and a setting that the study varies."""
+    path = tmp_path / "points.csv"
+    write_points(path, [Point("Tsit5", "Replay", "float64", 1e-7)], reference.value * 1.001)
+    with pytest.raises(ValueError, match="must have points of the same J"):
+        work_precision(scene(), reference=reference, store=path)
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match="must have the columns solver, method"):
+        work_precision(scene(), reference=reference, store=path)
+    with pytest.raises(ValueError, match="must end in .csv or .parquet"):
+        work_precision(scene(), reference=reference, store=tmp_path / "points.txt")
+    with pytest.raises(TypeError, match="must have settings among .*, but has rtol"):
+        work_precision(scene(), reference=reference, rtol=1e-6)
+
+
+def test_without_pyarrow_parquet_is_refused_before_anything_is_run(tmp_path, monkeypatch):
+    """The error says what to install."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ImportError, match="pip install 'hybridsens.parquet.'"):
+        work_precision(scene(), store=tmp_path / "points.parquet")
+
+
+def test_float32_is_float32_and_restores_double_precision(reference):
+    """In single precision the gradient is right to 1e-4 and not to 1e-8, and the setting is undone afterwards."""
+    settings = dict(tolerances=(1e-5,), solvers=[diffrax.Tsit5()], methods=(hs.Replay(),), dtypes=("float32",))
+    study = work_precision(scene(), reference=reference, **settings, **ROOM)
+    assert study.points[0].failure == ""
+    assert 1e-8 < study.points[0].gradient_error < 1e-3
+    assert scene().mass.dtype == np.float64
+
+
+def test_a_setting_that_fails_is_a_point_with_its_reason(reference):
+    """Eight steps are too few; the point says so and the advice does not use it."""
+    room = ROOM | dict(max_steps=8)
+    asked = dict(tolerances=(1e-8,), solvers=[diffrax.Tsit5()], methods=(hs.Replay(),), reference=reference)
+    study = work_precision(scene(), **asked, **room)
+    assert "max_steps" in study.points[0].failure
+    assert study.pareto() == [] and study.recommend(1.0) is None
+    plot_work_precision(study)
+
+
+def test_front_and_advice_follow_from_the_points():
+    """Of four points one is beaten in both; the advice is the fastest that is accurate enough, in words."""
+    rows = [(1e-2, 1.0), (1e-5, 2.0), (1e-4, 3.0), (1e-9, 9.0)]
+    points = tuple(Point("Tsit5", "Replay", "float64", 1e-7, error, error, time) for error, time in rows)
+    study = WorkPrecision(points)
+    assert [point.seconds for point in study.pareto()] == [1, 2, 9]
+    assert study.advice(1e-4) == "for gradient error 1e-04 on this scene: Tsit5, rtol 1e-07, Replay: 2e+03 ms"
+    assert "no point reaches it" in study.advice(1e-12)
+
+
+def test_an_unknown_precision_is_refused():
+    """float16 is not one of the two."""
+    with pytest.raises(ValueError, match="float16"):
+        work_precision(scene(), dtypes=("float16",))

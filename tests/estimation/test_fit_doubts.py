@@ -1,0 +1,81 @@
+"""What a fit must not be certain of: exact data, and parameters that nothing measured depends on."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from hybridsens.estimation import fit, measurements
+from hybridsens.estimation.uncertainty import Noise, uncertainty
+from hybridsens.scenes import BouncingBall
+
+pytestmark = pytest.mark.slow  # every one of these needs the same large program
+
+TIMES = np.linspace(0.05, 0.4, 20)
+FALL = 1.0 - 9.81 * TIMES**2 / 2
+NOISE = np.random.default_rng(3).normal(size=TIMES.size)
+
+
+class Falling(BouncingBall):
+    """Its mass cancels, but for rounding; and before it lands, its restitution does not act."""
+
+    def force(self, t, q, v):
+        del t, q, v
+        return -(self.mass * 9.81)[None]
+
+
+@functools.cache
+def _fitted(noise, sigma=None):
+    data = measurements(TIMES, FALL + noise * NOISE, sigma=sigma)
+    return fit(Falling(height=1.1), data, parameters=["mass", "restitution_coefficient", "height"],
+               priors={"mass": (1.0, 0.1)} if sigma else None)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_exact_data_give_no_certainty():
+    """Assert that without sigmas a ball's exact fall yields its height, no interval, and a sentence that says why."""
+    exact = _fitted(0.0)
+    np.testing.assert_allclose(exact.values[2], 1.0, rtol=1e-7)
+    assert exact.uncertainty.exact and np.isnan(exact.intervals()["height"]).all()
+    assert "residuals are zero to rounding" in str(exact) and "give `sigma`" in str(exact)
+
+
+def test_exact_data_with_sigmas_are_known_as_well_as_these_say():
+    """Assert that the error of a height is then sigma / sqrt(n)."""
+    known = _fitted(0.0, 1e-3)
+    assert not known.uncertainty.exact and "zero to rounding" not in str(known)
+    np.testing.assert_allclose(known.standard_errors["height"], 1e-3 / np.sqrt(TIMES.size), rtol=1e-6)
+
+
+def test_small_noise_is_noise():
+    """Assert that noise of a millionth of the data's range gives an interval: that of a mean, with three parameters."""
+    result = _fitted(1e-6)
+    expected = 1e-6 * np.sqrt(np.sum((NOISE - NOISE.mean()) ** 2) / (NOISE.size - 3) / NOISE.size)
+    assert not result.uncertainty.exact
+    np.testing.assert_allclose(result.standard_errors["height"], expected, rtol=1e-2)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+def test_parameters_without_influence_are_named(noise):
+    """Assert that a mass that cancels and a restitution that never acts are told by name, without finite interval."""
+    result = _fitted(noise)
+    assert result.uncertainty.unseen == ("mass", "restitution_coefficient")
+    assert result.uncertainty.null_directions == []
+    for name in result.uncertainty.unseen:
+        assert result.intervals()[name] == (-np.inf, np.inf)
+        assert f"not determined by the data: {name}, since nothing that was measured depends on it" in str(result)
+
+
+def test_a_prior_tells_of_a_parameter_without_influence():
+    """Assert that a mass that nothing shows has its prior's error, and is named all the same."""
+    result = _fitted(0.0, 1e-3)
+    np.testing.assert_allclose(result.standard_errors["mass"], 0.1, rtol=1e-6)
+    assert "mass" in result.uncertainty.unseen
+
+
+def test_a_derivative_of_rounding_alone_is_none():
+    """Assert that a single parameter whose Jacobian is rounding has no finite error, with sigmas or without."""
+    for sigmas_given in (True, False):
+        known = uncertainty(("mass",), [1.0], 1e-3 * NOISE, 1e-17 * np.ones((NOISE.size, 1)), np.zeros(1),
+                            Noise(sigmas_given, largest=1.0, rounding=1e-7))  # fmt: skip
+        assert known.unseen == ("mass",) and np.isinf(known.standard_errors).all()

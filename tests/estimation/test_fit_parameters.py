@@ -1,0 +1,100 @@
+"""Selecting parameters, their bounds, and what the uncertainty of a linear model must be."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from hybridsens.estimation.parameters import select
+from hybridsens.estimation.uncertainty import Noise, half_width, uncertainty
+from hybridsens.parameters import parameter_places
+from hybridsens.scenes import ElasticStop
+
+
+class Nested(eqx.Module):
+    arm: ElasticStop
+    lengths: jax.Array
+
+
+def test_names_reach_nested_fields_and_array_entries():
+    """Assert that a nested field is called by its path and an array's entries by their index."""
+    scene = Nested(ElasticStop(), jnp.array([1.0, 2.0]))
+    assert {"arm.stiffness", "lengths"} <= set(parameter_places(scene))
+    selection = select(scene, ["lengths", "arm.mass"])
+    assert selection.labels == ("lengths[0]", "lengths[1]", "arm.mass")
+    moved = selection.insert(scene, jnp.array([3.0, 4.0, 5.0]))
+    assert moved.lengths.tolist() == [3.0, 4.0] and float(moved.arm.mass) == 5.0
+
+
+def test_a_string_is_one_name():
+    """Assert that a name given as a string selects that parameter, and not its letters."""
+    assert select(ElasticStop(), "mass").labels == ("mass",)
+
+
+@pytest.mark.parametrize("bound", [None, "positive", (0.5, 2.0), (None, 1.5), (-1.0, None)])
+def test_bounds_hold_for_every_unknown(bound):
+    """Assert that p(z) stays inside its bounds for any z, grows or falls with it (between two bounds: from -pi/2 to
+    pi/2), and that z(p) is the inverse of p(z)."""
+    selection = select(ElasticStop(mass=1.2), ["mass"], {"mass": bound} if bound else None)
+    z = jnp.linspace(-30.0, 30.0, 61)
+    values = jax.vmap(lambda z: selection.to_values(z[None])[0])(z)
+    assert np.all(values >= selection.lower) and np.all(values <= selection.upper)
+    values = values[np.abs(z) < np.pi / 2] if bound == (0.5, 2.0) else values
+    assert np.all(np.diff(values) * np.sign(values[-1] - values[0]) >= 0)
+    inverse = selection.to_values(selection.from_values(jnp.array([1.2])))
+    np.testing.assert_allclose(inverse, [1.2], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "bounds", "message"),
+    [
+        (["stifness"], None, r"must have names among .*'stiffness'.* but has \['stifness'\]. Did you mean 'stiff"),
+        (["mass", "mass"], None, "each name once"),
+        (["mass"], {"mass": (2.0, 3.0)}, "must lie strictly inside"),
+        (["mass"], {"mass": (3.0, 2.0)}, "lo < hi"),
+        (["mass"], {"damping": "positive"}, "`bounds` must have names among"),
+    ],
+)
+def test_wrong_names_and_bounds_are_refused(parameters, bounds, message):
+    """Assert that misspelt names, repeated names and impossible bounds are named."""
+    with pytest.raises(ValueError, match=message):
+        select(ElasticStop(), parameters, bounds)
+
+
+def test_uncertainty_of_a_straight_line_is_the_textbook_one():
+    """Assert that slope and intercept of a line have SciPy's standard errors, and Student's intervals."""
+    x = np.linspace(0.0, 1.0, 20)
+    y = 1 + 2 * x + 0.1 * np.random.default_rng(1).normal(size=20)
+    line = stats.linregress(x, y)
+    residuals = line.intercept + line.slope * x - y
+    values, jacobian = np.array([line.intercept, line.slope]), np.stack([np.ones(20), x], axis=1)
+    known = uncertainty(("a", "b"), values, residuals, jacobian, np.zeros(2), Noise(sigmas_given=False))
+    np.testing.assert_allclose(known.standard_errors, [line.intercept_stderr, line.stderr], rtol=1e-12)
+    width = half_width(known.standard_errors, 0.95, known.quantile_freedom)
+    np.testing.assert_allclose(width, stats.t.ppf(0.975, 18) * known.standard_errors, rtol=1e-12)
+
+
+def test_a_robust_fit_of_many_normal_residuals_has_nearly_the_plain_errors():
+    """Assert that Huber's covariance with a far threshold equals the plain one, and costs a few percent with a near
+    one."""
+    random = np.random.default_rng(2)
+    jacobian, r = random.normal(size=(4000, 2)), random.normal(size=4000)
+    errors = lambda robust=np.inf: (
+        uncertainty(("a", "b"), [1.0, 1.0], r, jacobian, np.zeros(2), Noise(False, robust)).standard_errors
+    )
+    np.testing.assert_allclose(errors(1e6), errors(), rtol=1e-9)
+    np.testing.assert_allclose(errors(2.0), errors(), rtol=0.1)
+    assert np.all(errors(2.0) != errors())
+
+
+def test_a_direction_without_information_is_named():
+    """Assert that parameters that only enter as a product have the null direction (1, -1) / sqrt 2 in relative
+    change."""
+    a, b = 2.0, 5.0
+    jacobian = np.outer(np.linspace(1, 2, 10), [b, a])
+    known = uncertainty(("a", "b"), [a, b], np.ones(10), jacobian, np.zeros(2), Noise(sigmas_given=True))
+    (direction,) = known.null_directions
+    assert abs(direction["a"] + direction["b"]) < 1e-12 and abs(abs(direction["a"]) - 0.5**0.5) < 1e-12
+    assert np.all(np.isinf(known.standard_errors))

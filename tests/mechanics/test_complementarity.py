@@ -1,0 +1,95 @@
+"""The complementarity problem behind Gauss's principle and the impact law, against trying every index set."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import nnls
+
+from hybridsens.mechanics.complementarity import complementarity_support, independent_superset
+from tests.closeness import assert_close
+
+CONTACTS, DOF = 4, 3
+TINY = 1e-9
+support_of = jax.jit(complementarity_support)
+larger_of = jax.jit(independent_superset)
+# Small whole numbers make dependent and repeated contacts, and impulses that are exactly zero, common.
+jacobians = arrays(float, (CONTACTS, DOF), elements=st.integers(-2, 2).map(float))
+pushes = arrays(float, DOF, elements=st.integers(-3, 3).map(float))
+choices = arrays(bool, CONTACTS)
+
+
+def brute_force(W, b, candidates):
+    """A solution of 0 <= x _|_ W x + b >= 0 on the candidates, from trying all index sets; W x is the same for all."""
+    members = np.flatnonzero(candidates)
+    for size in range(len(members) + 1):
+        for chosen in itertools.combinations(members, size):
+            x = np.zeros(CONTACTS)
+            index = list(chosen)
+            x[index] = np.linalg.lstsq(W[np.ix_(index, index)], -b[index], rcond=None)[0]
+            residual = (W @ x + b)[members]
+            if np.all(x >= -TINY) and np.all(residual >= -TINY) and np.all(np.abs((W @ x + b)[index]) <= TINY):
+                return x
+    raise AssertionError("every such problem with b in the range of G^T has a solution")
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(jacobians, pushes, choices)
+def test_support_solves_the_problem(G, push, candidates):
+    """W = G G^T may be singular (more contacts than coordinates); the motion that the impulses make is unique."""
+    W, b = G @ G.T, G @ push
+    S = np.asarray(support_of(jnp.array(W), jnp.array(b), jnp.array(candidates), jnp.full(CONTACTS, 1e-12)))
+    assert not np.any(S & ~candidates)
+    x = np.zeros(CONTACTS)
+    x[S] = np.linalg.solve(W[np.ix_(S, S)], -b[S])
+    assert np.all(x >= -TINY)
+    assert np.all((W @ x + b)[candidates] >= -TINY)
+    assert_close(G.T @ x, G.T @ brute_force(W, b, candidates), TINY, scale=10.0)
+
+
+MANY = [(10, 3), (10, 12), (30, 3), (30, 12), (30, 40)]
+"""Contacts and coordinates: redundant, about as many of each, more coordinates."""
+
+
+def many_problems(contacts, dof, count=100):
+    """Jacobians of small whole numbers, with rows repeated, and pushes; a third of the contacts is open."""
+    random = np.random.default_rng(contacts + dof)
+    for _ in range(count):
+        G = random.integers(-2, 3, (contacts, dof)).astype(float)
+        G[random.integers(contacts, size=contacts // 5)] = G[0]
+        yield G, random.integers(1, 4, dof) * random.choice([-1.0, 1.0], dof), random.random(contacts) < 2 / 3
+
+
+@pytest.mark.parametrize("spread", [0, 2, 3])
+@pytest.mark.parametrize("contacts, dof", MANY)
+def test_support_of_many_contacts_is_that_of_nonnegative_least_squares(contacts, dof, spread):
+    """min |A x + push| over x >= 0, A = M^-1/2 G^T, has the same A x by SciPy; masses reach from 10^-spread to
+    10^spread, a ratio of up to 1e6. The members stay independent."""
+    masses = 10.0 ** np.linspace(-spread, spread, dof)
+    for G, push, candidates in many_problems(contacts, dof):
+        A = (G / np.sqrt(masses)).T
+        W, b = A.T @ A, A.T @ push
+        noise = 1e-13 * np.linalg.norm(A, axis=0) * np.linalg.norm(push)
+        S = np.asarray(support_of(*map(jnp.array, (W, b, candidates, noise))))
+        assert not np.any(S & ~candidates)
+        assert np.linalg.matrix_rank(A[:, S] / np.linalg.norm(A[:, S], axis=0)) == S.sum()
+        x = np.zeros(contacts)
+        x[S] = np.linalg.lstsq(A[:, S], -push)[0]
+        expected = A[:, candidates] @ nnls(A[:, candidates], -push)[0]
+        assert_close(A @ x, expected, 1e-7, scale=np.linalg.norm(push))
+
+
+@pytest.mark.parametrize("contacts, dof", MANY)
+def test_as_many_contacts_are_added_as_are_independent(contacts, dof):
+    """The larger set has the rank of all candidates, by singular values, and keeps what it was given."""
+    for G, push, candidates in many_problems(contacts, dof, 30):
+        W = jnp.array(G @ G.T)
+        S = support_of(W, jnp.array(G @ push), jnp.array(candidates), jnp.full(contacts, 1e-12))
+        larger = np.asarray(larger_of(W, S, jnp.array(candidates)))
+        assert np.all(larger[np.asarray(S)]) and not np.any(larger & ~candidates)
+        assert larger.sum() == np.linalg.matrix_rank(G[larger]) == np.linalg.matrix_rank(G[candidates])

@@ -1,0 +1,96 @@
+"""Impacts at one instant whose order decides the outcome are marked in the ledger of events, and no others are."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hybridsens as hs
+from tests.problems import linear_contacts as linear
+
+ORTHOGONAL = [([1.0, 0.0, 0.0], 0.0), ([0.0, 1.0, 0.0], 0.0)]
+ACUTE = [([1.0, 0.0, 0.0], 0.0), ([-0.5, np.sqrt(0.75), 0.0], 0.0)]
+NO_FORCE = dict(force=(0.0, 0.0, 0.0))
+
+
+def corner(contacts, q, v=(-1.0, -1.0, 0.0), e=0.8, t1=1.5):
+    """A flight towards two walls at an angle."""
+    return linear.solve(linear.scene(contacts, [e] * len(contacts), **NO_FORCE), q, v, t1).trajectory
+
+
+def marks(trajectory):
+    return trajectory.events.order_matters[: int(trajectory.events.count)].tolist()
+
+
+def test_a_corner_hit_exactly_is_marked():
+    """Both walls close at t = 1, and the impulse of one changes the rate at the other."""
+    normal = np.array(ACUTE[1][0])[:2]
+    v = np.array([-1.0, -1.0])
+    assert normal @ v < 0
+    trajectory = corner(ACUTE, [1.0, 1.0, 0.0])
+    assert marks(trajectory)[0]
+    text = str(trajectory)
+    assert text.count(" *\n") == 1 and "one-sided at best" in text
+
+
+def test_a_corner_hit_beside_its_edge_is_not_marked():
+    """One wall after the other, however soon."""
+    trajectory = corner(ACUTE, [1.0, 1.001, 0.0])
+    assert trajectory.events.count >= 1 and not any(marks(trajectory))
+    assert "one-sided" not in str(trajectory)
+
+
+def test_orthogonal_walls_are_not_marked():
+    """Their impacts commute."""
+    assert marks(corner(ORTHOGONAL, [1.0, 1.0, 0.0])) == [False, False]
+
+
+def test_a_row_of_touching_balls_is_marked():
+    """A gap between the two that are struck, however small, would make another outcome."""
+    row = [([-1.0, 1.0, 0.0], 0.0), ([0.0, -1.0, 1.0], 0.0)]
+    trajectory = corner(row, [1.0, 2.0, 2.0], [1.0, 0.0, 0.0], 1.0)
+    assert marks(trajectory) == [True]
+
+
+def test_a_wall_struck_while_a_leaning_floor_is_held_is_not_marked():
+    """The floor is held by a force, before and after any small change."""
+    slant = np.pi / 6
+    walls = [([0.0, 1.0, 0.0], 0.0), ([-np.cos(slant), -np.sin(slant), 0.0], np.cos(slant))]
+    motion = linear.solve(linear.scene(walls, [0.0, 0.8]), [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 2.0)
+    assert marks(motion.trajectory) == [False]
+
+
+class Corner(hs.AbstractScene):
+    """Two walls at 60 degrees; no contact stays closed."""
+
+    e: jax.Array
+    sustained_contact = False
+
+    def mass_matrix(self, q):
+        return jnp.eye(2)
+
+    def force(self, t, q, v):
+        return jnp.zeros(2)
+
+    def gap(self, t, q):
+        return jnp.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)]]) @ q
+
+    def restitution(self):
+        return jnp.stack([self.e, self.e])
+
+
+@pytest.mark.parametrize("way", ["alone", "batch"])
+def test_marks_go_through_gradients_and_batches(way):
+    """As other discrete data of the ledger: a gradient passes them by, and each lane has its own."""
+
+    def final(e, y):
+        motion = hs.simulate(Corner(e), hs.State(jnp.stack([1.0, y]), jnp.array([-1.0, -1.0])), t1=1.5, throw=False)
+        return motion.final.q[0], motion.events.order_matters
+
+    gradient = jax.grad(final, has_aux=True)
+    if way == "alone":
+        slope, found = gradient(jnp.array(0.8), jnp.array(1.0))
+        assert found.dtype == bool and bool(found[0]) and bool(jnp.isfinite(slope))
+        return
+    slopes, found = jax.jit(jax.vmap(gradient))(jnp.full(2, 0.8), jnp.array([1.0, 1.001]))
+    assert found[:, 0].tolist() == [True, False] and bool(jnp.all(jnp.isfinite(slopes)))
