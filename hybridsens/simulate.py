@@ -31,6 +31,7 @@ from .reported import Reported
 from .settings import check_settings, given_numbers, horizon_status, segment_steps
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.direction import forward_only, reverse_only
+from .waiting import waiting
 
 
 def simulate(
@@ -51,6 +52,7 @@ def simulate(
     capture_speed: float | Array | None = None,
     adjoint: AbstractGradientMethod | None = None,
     throw: bool | Literal["nan"] = True,
+    progress: bool = False,
 ) -> Trajectory:
     """Motion of a scene from t0 to t1 through impacts, captures and releases, with its exact gradient.
 
@@ -86,6 +88,7 @@ def simulate(
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (per lane of a batch). A motion that
       broke off returns the state where it did, with the gradient of that state: one that could not begin has gradient
       0, which an optimiser takes for a stationary point. "nan" makes value and gradient of such a motion nan instead.
+    - `progress`: show on a terminal for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
 
@@ -121,7 +124,8 @@ def simulate(
     forward = isinstance(adjoint, ForwardSensitivities)
     if not forward:
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
-    trajectory = _simulate(system, state, t0, t1, ts, method, adjoint)
+    with waiting("compiling and simulating", progress):
+        trajectory = _simulate(system, state, t0, t1, ts, method, adjoint)
     if throw == "nan":
         trajectory = nan_unless_reached(trajectory, (system, state, t0, t1, ts))
     elif throw:

@@ -11,8 +11,8 @@ import hybridsens as hs
 
 hs.configure()
 
-from hybridsens.estimation import GrowingHorizon, fit, read_measurements  # noqa: E402
-from hybridsens.scenes import ElasticStop  # noqa: E402
+from hybridsens.estimation import GrowingHorizon, fit, read_measurements
+from hybridsens.scenes import ElasticStop
 
 here = Path(__file__).parent if "__file__" in globals() else Path.cwd()
 record = read_measurements(here / "data" / "stop_record.csv", missing="skip")

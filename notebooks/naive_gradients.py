@@ -16,13 +16,13 @@ import hybridsens as hs
 
 hs.configure()
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
 
-from hybridsens.comparison.baselines import penalty_contact, where_reset  # noqa: E402
-from hybridsens.scenes import ElasticStop  # noqa: E402
+from hybridsens.comparison.baselines import penalty_contact, where_reset
+from hybridsens.scenes import ElasticStop
 
 SMALL = bool(os.environ.get("HYBRIDSENS_NOTEBOOKS_SMALL"))  # fewer points, for a quick look
 
@@ -151,7 +151,7 @@ axes.set(xlabel="(average) step [s]", ylabel="relative error of the gradient", t
 axes.grid(color="0.9")
 axes.legend()
 figure.savefig("naive_gradients.png", dpi=150)
-figure  # noqa: B018
+figure
 
 # %% [markdown]
 # The upper two lines do not fall, however small the step. The `where` reset differentiates another function than the

@@ -15,11 +15,11 @@ import hybridsens
 
 hybridsens.configure(host_devices=os.cpu_count())  # a sweep uses every device, and a CPU shows as many as it is told to
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
 
-from hybridsens.scenes import ElasticStop  # noqa: E402
-from hybridsens.sweeps import grid, plot_bifurcation, plot_sweep, status_counts, sweep  # noqa: E402
+from hybridsens.scenes import ElasticStop
+from hybridsens.sweeps import grid, plot_bifurcation, plot_sweep, status_counts, sweep
 
 SMALL = bool(os.environ.get("HYBRIDSENS_NOTEBOOKS_SMALL"))  # coarse maps, for a quick check that everything runs
 POINTS, FREQUENCIES, PERIODS = (12, 10, 40) if SMALL else (200, 600, 200)
@@ -46,7 +46,7 @@ def cost(scene):
 design = grid(ElasticStop(), {"amplitude": np.linspace(0.5, 1.5, POINTS), "frequency": np.linspace(1.0, 2.0, POINTS)})
 units = {"amplitude": "N", "frequency": "rad/s", "J": "m2 s"}
 dataset = sweep(cost, design, units=units, progress=not SMALL)
-dataset  # noqa: B018
+dataset
 
 # %% [markdown]
 # White lines separate different sequences of impacts. Along them a motion grazes the stop: J has a kink there, and the
@@ -55,7 +55,7 @@ dataset  # noqa: B018
 # %%
 figure = plot_sweep(dataset)
 figure.savefig("sweep-map.png", dpi=100)
-figure  # noqa: B018
+figure
 
 # %%
 assert status_counts(dataset) == {"successful": POINTS**2}
@@ -90,9 +90,9 @@ sweep_design = grid(stop, {"frequency": np.linspace(2.2, 3.2, FREQUENCIES)})
 settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, progress=not SMALL)
 figure = plot_bifurcation(settled, state="v")
 figure.savefig("bifurcation.png", dpi=100)
-figure  # noqa: B018
+figure
 
 # %%
 statuses = status_counts(settled)
 assert statuses["successful"] > 0.95 * FREQUENCIES
-statuses  # noqa: B018
+statuses

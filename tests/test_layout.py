@@ -11,13 +11,14 @@ PACKAGE = ROOT / "hybridsens"
 METHOD = {"forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {"delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings"}
 BASE = {"validation", "numerics", "status"}
-TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters"}
+TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters", "waiting"}
 CORE = BASE | METHOD | FRONT | TOOLS | {"xla", "flat_system", "interval", "search", "mechanics"}
 MAY_IMPORT = {
     "status": set(),
     "numerics": set(),
     "validation": set(),
     "configure": set(),
+    "waiting": set(),
     "xla": {"flat_system"},
     "interval": set(),
     "flat_system": {"status"},
@@ -29,16 +30,16 @@ MAY_IMPORT = {
     "differentiable": {"passes", "reported", "adjoint", "validation", "xla"},
     "export": {"status"},
     "mechanics": {"flat_system", "interval", "search", "outcome", "export"} | BASE,
-    "saved": {"export", "mechanics", "outcome", "status"},
+    "saved": {"export", "mechanics", "outcome", "solution", "status"},
     "system": set(),
     "system_checks": {"system"} | BASE,
     "delays": set(),
     "flattened": {"delays", "status", "system", "system_checks", "flat_system", "numerics", "interval", "search"},
-    "solution": {"outcome", "status", "export"},
+    "solution": {"outcome", "status", "export", "numerics"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status"},
     "solve": FRONT - {"simulate"} | METHOD | BASE,
-    "simulate": {"mechanics"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
+    "simulate": {"mechanics", "waiting"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
     "scenes": {"mechanics"},
     "systems": {"system"},
     "planar": set(),

@@ -9,6 +9,7 @@ from ..adjoint.methods import AbstractGradientMethod, ForwardSensitivities, Repl
 from ..export.html import preformatted
 from ..mechanics.scene import AbstractScene
 from ..parameters import FlatParameters, flatten_parameters
+from ..waiting import waiting
 from .check_causes import Cause, find_causes
 from .check_events import EventCheck, check_events
 from .check_motions import on_sequence, value_with_calls
@@ -67,6 +68,7 @@ def check_gradient(
     atol: float = 1e-12,
     max_events: int = 256,
     max_steps: int = 16384,
+    progress: bool = True,
 ) -> GradientCheck:
     """Check the gradient of a cost, and say which parameter and which event disagree.
 
@@ -83,22 +85,33 @@ def check_gradient(
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`. `adjoint`
     is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `rtol`, `atol`: of
-    the motions; differences divide their noise by the width, so they are tight.
+    the motions; differences divide their noise by the width, so they are tight. `progress`: say on a terminal
+    what is waited for; a check compiles some ten programs, which takes a minute or more.
 
     Raises: SimulationError if the motion does not reach its end.
     """
     cost = choose_cost(scene, cost)
-    parameters = flatten_parameters(scene)
     settings = dict(rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps)
-    reverse, forward = (
-        _gradient(parameters, cost, method, settings) for method in (adjoint or Replay(), ForwardSensitivities())
-    )
+    with waiting("compiling the adjoint", progress) as tell:
+        return _check(flatten_parameters(scene), cost, adjoint or Replay(), tolerance, settings, tell)
+
+
+def _check(
+    parameters: FlatParameters, cost: Cost, method: AbstractGradientMethod, tolerance: float, settings: dict[str, Any],
+    tell: Callable[[str], None],
+) -> GradientCheck:  # fmt: skip
+    """The check in the order of its tests; `tell` hears which one is being made."""
+    reverse = _gradient(parameters, cost, method, settings)
+    tell("compiling forward sensitivities")
+    forward = _gradient(parameters, cost, ForwardSensitivities(), settings)
+    tell("differences")
     value = value_with_calls(parameters, cost, settings)
     J, calls = value(parameters.vector)
     scale = _scale(parameters.vector, float(J), reverse)
     found = best_finite_differences(on_sequence(value, calls), parameters.vector, scale)
     size = _size(reverse, forward, scale)
     counts = [int(call.events.count) for call in calls]
+    tell("compiling the reference")
     reference = reference_gradient(parameters, cost, settings, counts)
     slopes = np.stack([reverse, forward, found.slopes, found.uncertainty, reference], axis=1).tolist()
     limits = (tolerance * size).tolist()
@@ -108,8 +121,10 @@ def check_gradient(
     ):
         entry = ParameterCheck(name, by_adjoint, by_forward, by_differences, uncertainty, known, "")
         checks.append(entry._replace(verdict=_verdict(entry, limit)))
+    tell("checking each event")
     mechanical = [(number, call) for number, call in enumerate(calls) if isinstance(call.scene, AbstractScene)]
     events = [check for number, call in mechanical for check in check_events(number, call, tolerance, settings)]
+    tell("looking for causes")
     off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, settings, counts))
     return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, settings))
 

@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from rich.progress import track
 
 from ..adjoint.methods import AbstractGradientMethod, Replay
 from ..export.html import preformatted
 from ..parameters import FlatParameters, flatten_parameters
 from ..system import AbstractHybridSystem
+from ..waiting import counted, waiting
 from .compare_table import format_comparison, write_csv
 from .differentiate import value_and_gradient
 from .failure import reason
@@ -120,7 +120,9 @@ def compare(
     """
     cost = choose_cost(scene, cost)
     parameters = flatten_parameters(scene)
-    reference = reference or tight_reference(parameters, cost, max_events, 4 * max_steps)
+    if reference is None:
+        with waiting("compiling the reference", progress):
+            reference = tight_reference(parameters, cost, max_events, 4 * max_steps)
     if methods is None:
         room = (max_events if reference.event_count is None else reference.event_count) + 2
         methods = our_methods(adjoints, tolerance, max_events, max_steps)
@@ -130,7 +132,7 @@ def compare(
     rows = []
     interrupted = False
     try:
-        for method in track(methods, "comparing", disable=not progress, transient=True):
+        for method in counted(methods, lambda method: method.name, progress):
             rows.append(measure_method(method, parameters, cost, reference))
     except KeyboardInterrupt:
         interrupted = True

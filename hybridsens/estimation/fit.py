@@ -1,6 +1,7 @@
 """The front door: a scene and measurements in, parameters with their uncertainty out."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from jaxtyping import Array
 
 from ..mechanics.scene import AbstractScene
 from ..system import AbstractHybridSystem
+from ..waiting import waiting
 from . import prepare
 from .assemble import assemble
 from .checkpoint import Checkpoint
@@ -92,8 +94,8 @@ def fit(
     - `starts`, `spread`, `seed`: descend from so many points within +-spread (relatively) of the guess, in one compiled
       run, and go on from the best.
     - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
-    - `progress`, `callback`: print a line for every iteration; call `callback(iteration)`, which stops by returning
-      True.
+    - `progress`, `callback`: print a line for every iteration, and on a terminal how long compiling takes before the
+      first; call `callback(iteration)`, which stops by returning True.
     - `resume`: an earlier result of the same fit to go on from. Interrupting (Ctrl-C) returns the best point so far.
     - `checkpoint`: a file that keeps the best values at any time. If it is there already, the fit goes on from them
       instead of the scene's; the optimizer's own memory starts anew.
@@ -111,14 +113,16 @@ def fit(
     keeper = None if checkpoint is None else Checkpoint(Path(checkpoint), problem.selection)
     guess = problem.selection.from_values(problem.selection.values(problem.scene))
     z, further = _beginning(problem, guess, resume, keeper)
-    listener = _callback(progress, callback)
-    audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
     plain, several = method(optimizer), None
     how = Growing(plain, strategy) if isinstance(strategy, GrowingHorizon) else plain
-    if starts > 1 and not further:
-        several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), max_iterations)
-        how = plain
-    descents = _to_the_end(how, problem, z, Room(max_iterations, patience), audience, resume)
+    with ExitStack() as until_first_line:
+        until_first_line.enter_context(waiting("compiling", progress))
+        listener = _callback(progress, callback, until_first_line.close)
+        audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
+        if starts > 1 and not further:
+            several, z = _from_many(how, problem, spread_starts(problem, z, starts, spread, seed), max_iterations)
+            how = plain
+        descents = _to_the_end(how, problem, z, Room(max_iterations, patience), audience, resume)
     return assemble(how, problem, measured, guess, descents, several)
 
 
@@ -170,11 +174,15 @@ def _to_the_end(
     return [first, last._replace(stopped=first.stopped)]
 
 
-def _callback(progress: bool, callback: Callable[[Iteration], Any] | None) -> Callable[[Iteration], Any] | None:
+def _callback(
+    progress: bool, callback: Callable[[Iteration], Any] | None, compiled: Callable[[], None]
+) -> Callable[[Iteration], Any] | None:
+    """Who hears of an iteration; the first of them shows that the program has been compiled."""
     if not progress:
         return callback
 
     def show(line: Iteration):
+        compiled()
         note = line.failure or ("sequence changed" if line.sequence_changed else "" if line.accepted else "rejected")
         print(f"{line.stage:>14} {line.number:>4}  loss {line.loss:<12.6g} |grad| {line.gradient_norm:<10.3g} "
               f"events {line.events:<4} {note}", flush=True)  # fmt: skip
