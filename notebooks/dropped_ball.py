@@ -83,5 +83,4 @@ bounce, landing = np.asarray(motion.events.time)[:2]
 print(f"first impact at {bounce:.4f} s, second at {landing:.4f} s")
 
 # %%
-figure = result.plot()
-figure.suptitle("a dropped ball")
+result.plot()

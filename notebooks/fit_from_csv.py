@@ -45,5 +45,4 @@ for name, (low, high) in result.intervals(0.95).items():
     print(f"{name:>24}: {low:.4f} ... {high:.4f}")
 
 # %%
-figure = result.plot()
-figure.suptitle("an oscillator with a stop")
+result.plot()

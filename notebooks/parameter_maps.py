@@ -3,12 +3,8 @@
 #
 # A forced oscillator strikes a stop. How does a cost of its motion depend on the forcing, where is its gradient large,
 # and where does the sequence of impacts change? Then: which motions does it settle to?
-#
-# This page is a script in cells: run it as it is, open it in VS Code, or make a notebook of it with
-# `jupytext --to ipynb --execute parameter_maps.py`.
 
 # %%
-# %matplotlib inline
 import os
 
 import hybridsens
@@ -53,9 +49,7 @@ dataset
 # gradient beside the line can be arbitrarily large. `grazing_margin` tells how far from such a line a point is.
 
 # %%
-figure = plot_sweep(dataset)
-figure.savefig("sweep-map.png", dpi=100)
-figure
+plot_sweep(dataset)
 
 # %%
 assert status_counts(dataset) == {"successful": POINTS**2}
@@ -88,9 +82,7 @@ class StickyStop(ElasticStop):
 stop = StickyStop(distance=0.1, restitution_coefficient=0.8, damping=0.02)
 sweep_design = grid(stop, {"frequency": np.linspace(2.2, 3.2, FREQUENCIES)})
 settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, progress=not SMALL)
-figure = plot_bifurcation(settled, state="v")
-figure.savefig("bifurcation.png", dpi=100)
-figure
+plot_bifurcation(settled, state="v")
 
 # %%
 statuses = status_counts(settled)

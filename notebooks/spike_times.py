@@ -93,7 +93,7 @@ before, after = run(start, ts), run(weights, ts)
 for k, axes in enumerate(panels[:3]):
     axes.plot(ts, before.x["v"][:, k], color="0.65", label="before")
     axes.plot(ts, after.x["v"][:, k], color="black", label="after")
-    axes.axvline(wanted[k], color="#c8553d", linestyle="--", label="wanted")
+    axes.axvline(wanted[k], color="#c8553d", linewidth=4, alpha=0.4, label="wanted")
     axes.set(ylabel=f"neuron {k}", xlim=(0, 8))
 panels[0].legend(ncols=3, frameon=False, loc="lower right", bbox_to_anchor=(1, 1))
 panels[2].set_xlabel("time [ms]")

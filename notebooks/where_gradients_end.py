@@ -65,9 +65,10 @@ for edge in distances[1:][np.diff(counts) != 0]:
 # The same oscillator with a nearer stop: each impact magnifies small differences. `lyapunov` says how fast they grow.
 
 # %%
-scene = hs.scenes.ElasticStop(distance=0.0, damping=0.02, frequency=2.6)
+scene = hs.scenes.ElasticStop(distance=0.1, damping=0.02, frequency=2.6)
 horizons = (5.0, 20.0) if SMALL else (5.0, 10.0, 20.0, 40.0, 80.0, 120.0, 160.0)
-found = [hs.lyapunov(scene, scene.initial_state(), t1=t1, rtol=1e-11, atol=1e-11) for t1 in horizons]
+settings = dict(rtol=1e-10, atol=1e-10, max_steps=32768, max_events=512)
+found = [hs.lyapunov(scene, scene.initial_state(), t1=t1, **settings) for t1 in horizons]
 for t1, growth in zip(horizons, found, strict=True):
     impacts = int(growth.trajectory.events.count)
     print(f"until {t1:5.0f} s: {impacts:>3} impacts, a variation grows {growth.growth:9.2e} times")
@@ -79,7 +80,7 @@ for t1, growth in zip(horizons, found, strict=True):
 
 # %%
 def at_end(amplitude, t1):
-    driven = hs.scenes.ElasticStop(distance=0.0, damping=0.02, frequency=2.6, amplitude=amplitude)
+    driven = hs.scenes.ElasticStop(distance=0.1, damping=0.02, frequency=2.6, amplitude=amplitude)
     return hs.simulate(driven, driven.initial_state(), t1=t1, throw=False, max_events=256, max_steps=8192).final.q[0]
 
 

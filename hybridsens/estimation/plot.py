@@ -4,21 +4,17 @@ import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
+
+from ..plot.figure import new_figure
 
 if TYPE_CHECKING:
     from .result import FitResult
 
 
-def plot_fit(result: "FitResult") -> Any:
-    """A Matplotlib figure: data and fit with the events marked, residuals, and the loss at every iteration.
-
-    Raises: ImportError, saying what to install, if Matplotlib is missing.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("Plots need Matplotlib: pip install 'hybridsens[plot]'.") from error
-    figure = Figure(figsize=(8, 9), layout="constrained")
+def plot_fit(result: "FitResult") -> Figure:
+    """Data and fit with the events marked, residuals, and the loss at every iteration."""
+    figure = new_figure((8, 9))
     above, middle, below = figure.subplots(3, 1)
     _plot_data(above, result)
     _plot_residuals(middle, result)
@@ -45,6 +41,7 @@ def _plot_residuals(axes: Any, result: "FitResult") -> None:
     axes.axhline(0, color="black", linewidth=0.8)
     _mark_events(axes, result)
     axes.set(xlabel="t [s]", title="residuals (model - measurement)")
+    axes.legend()
 
 
 def _plot_convergence(axes: Any, result: "FitResult") -> None:

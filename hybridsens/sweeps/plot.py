@@ -3,7 +3,11 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import MaxNLocator
 
+from ..plot.figure import new_figure
 from .dataset import gradients
 
 if TYPE_CHECKING:
@@ -18,8 +22,6 @@ def plot_sweep(dataset: "xr.Dataset") -> "Figure":
     Lines separate regions with different sequences of events: J has a kink or a jump there. Failed points are blank.
     Raises: ValueError unless the points are a grid of two parameters (choose with `dataset.sel` or `.isel`).
     """
-    from matplotlib.figure import Figure
-
     dims = dataset.J.dims
     if len(dims) != 2 or any(dim not in dataset.coords for dim in dims):
         raise ValueError(f"A map must have a grid of two parameters, but the points have the dimensions {dims}.")
@@ -28,7 +30,7 @@ def plot_sweep(dataset: "xr.Dataset") -> "Figure":
     maps |= {f"|dJ/d {dim}|": abs(derivatives[dim]) for dim in map(str, dims) if dim in derivatives}
     if "event_count" in dataset:
         maps["events"] = dataset.event_count.where(dataset.J.notnull())
-    figure = Figure(figsize=(4.2 * len(maps), 3.8), layout="constrained")
+    figure = new_figure((3.6 * len(maps), 3.4))
     for axes, (title, values) in zip(np.ravel(figure.subplots(1, len(maps), sharey=True)), maps.items(), strict=True):
         draw_map(axes, values, logarithmic=title.startswith("|"))
         axes.set_title(title, fontsize="medium")
@@ -39,22 +41,20 @@ def plot_sweep(dataset: "xr.Dataset") -> "Figure":
 
 def draw_map(axes: "Axes", values: "xr.DataArray", logarithmic: bool = False) -> None:
     """A coloured map of (x, y) values with its colour bar."""
-    from matplotlib.colors import LogNorm
-
     x, y = (str(dim) for dim in values.dims)
     positive = np.any(values.values > 0)
     edges = _edges(values[x].values), _edges(values[y].values)
     drawn = np.ma.masked_invalid(values.values.T.astype(float))
     mesh = axes.pcolormesh(*edges, drawn, norm=LogNorm() if logarithmic and positive else None, rasterized=True)
-    axes.figure.colorbar(mesh, ax=axes)
+    whole = np.issubdtype(values.dtype, np.integer) or values.name == "event_count"
+    axes.figure.colorbar(mesh, ax=axes, ticks=MaxNLocator(integer=True) if whole else None)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel(_label(values[x]))
     axes.set_ylabel(_label(values[y]))
 
 
 def draw_borders(axes: "Axes", sequence: "xr.DataArray") -> None:
     """Lines between neighbouring points whose motions have different sequences of events."""
-    from matplotlib.collections import LineCollection
-
     x, y = (_edges(sequence[dim].values) for dim in sequence.dims)
     lines = border_lines(x, y, sequence.values)
     axes.add_collection(LineCollection(lines, colors="white", linewidths=0.8), autolim=False)
@@ -75,8 +75,6 @@ def plot_bifurcation(
     Arguments: a sweep over one parameter with `states=True`, at times one period of the forcing apart, after the motion
     has settled; the state "q" or "v" and its component. Raises ValueError if the Dataset is not of that kind.
     """
-    from matplotlib.figure import Figure
-
     if state not in dataset:
         raise ValueError(
             f"A bifurcation diagram must have the states {state!r}, but the sweep kept none: use states=True."
@@ -88,7 +86,7 @@ def plot_bifurcation(
         )
     (parameter,) = (dim for dim in values.dims if dim != "sample")
     if axes is None:
-        axes = Figure(figsize=(7, 4), layout="constrained").subplots()
+        axes = new_figure((7, 4)).subplots()
     x = np.repeat(dataset[parameter].values, values.sizes["sample"])
     axes.plot(
         x, values.transpose(parameter, "sample").values.ravel(), ",k" if x.size > 20_000 else ".k", markersize=1.5
