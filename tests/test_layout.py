@@ -1,13 +1,10 @@
 """The layout is what the README says: one way of imports, small files."""
 
-import ast
 import graphlib
-from pathlib import Path
 
 import pytest
+from layout import MODULES, ROOT, drawing, imports, module_name, part_of
 
-ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "hybridsens"
 METHOD = {"forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {"delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings"}
 BASE = {"validation", "numerics", "status"}
@@ -53,54 +50,25 @@ MAY_IMPORT = {
 }
 """Part of the package -> parts that it may import, itself apart."""
 
-MODULES = sorted(PACKAGE.rglob("*.py"))
-
-
-def _name(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts)
-
-
-def _imports(path: Path) -> set[str]:
-    """Modules of the package that a file imports, wherever the import stands, but for those of types alone."""
-    package = _name(path).split(".")[:-1]
-    found = set()
-    for node in ast.walk(_WithoutTypeChecking().visit(ast.parse(path.read_text()))):
-        if isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else []
-            origin = base + (node.module.split(".") if node.module else [])
-            if not node.module:
-                found |= {".".join([*origin, alias.name]) for alias in node.names}
-            else:
-                found.add(".".join(origin))
-        elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-    return {name for name in found if name.split(".")[0] == "hybridsens"}
-
-
-class _WithoutTypeChecking(ast.NodeTransformer):
-    def visit_If(self, node):
-        typing_only = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-        return None if typing_only else self.generic_visit(node)
-
-
-def _part(name: str) -> str:
-    parts = name.split(".")
-    return parts[1] if len(parts) > 1 else "__init__"
-
-
-@pytest.mark.parametrize("path", MODULES, ids=_name)
+@pytest.mark.parametrize("path", MODULES, ids=module_name)
 def test_a_file_imports_only_from_floors_above_it(path):
     """Physics and method meet in one small interface, and neither knows what is studied with them."""
-    part = _part(_name(path))
-    forbidden = {name for name in _imports(path) if _part(name) not in MAY_IMPORT[part] | {part}}
+    part = part_of(module_name(path))
+    forbidden = {name for name in imports(path) if part_of(name) not in MAY_IMPORT[part] | {part}}
     assert not forbidden
 
 
 def test_imports_form_no_circle():
     """A reader can take the files in an order in which each one needs only those before it."""
-    packages = {_name(path.parent): _name(path) for path in MODULES if path.name == "__init__.py"}
-    graph = {_name(path): {packages.get(name, name) for name in _imports(path)} - {_name(path)} for path in MODULES}
+    packages = {module_name(path.parent): module_name(path) for path in MODULES if path.name == "__init__.py"}
+    behind = lambda path: {packages.get(name, name) for name in imports(path)} - {module_name(path)}
+    graph = {module_name(path): behind(path) for path in MODULES}
     assert len(list(graphlib.TopologicalSorter(graph).static_order())) >= len(MODULES)
+
+
+def test_the_contributors_page_draws_the_layout_as_it_is():
+    """`python tests/layout.py` draws it anew."""
+    assert f"```text\n{drawing()}\n```" in (ROOT / "CONTRIBUTING.md").read_text()
 
 
 def test_files_are_small_and_have_a_subject():
