@@ -10,7 +10,7 @@ _SMALL_LOOP = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_thresho
 
 
 _made: dict[str, Any] = {}
-"""The settings of the last call."""
+"""The settings made that JAX reads once."""
 
 
 def configure(
@@ -31,12 +31,16 @@ def configure(
       user's own folder of caches ($XDG_CACHE_HOME, or ~/.cache). Default: leave it. The command line keeps them.
 
     It also makes a CPU run programs in the calling thread: waking another thread costs more than a short motion.
-    The same call again does nothing, so that a notebook's cell can be run twice.
+    The same call again does nothing, so that a notebook's cell can be run twice; `cache` may be changed at any time.
 
     Raises: RuntimeError if JAX has already started with other settings, since it reads them only then.
     """
-    wanted = dict(x64=x64, host_devices=host_devices, small_loop_bytes=small_loop_bytes, cache=cache)
-    if wanted == _made:
+    if cache:
+        jax.config.update("jax_compilation_cache_dir", str(_users_cache() if cache is True else cache))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    wanted: dict[str, Any] = dict(x64=x64, small_loop_bytes=small_loop_bytes)
+    wanted |= {} if host_devices is None else dict(host_devices=host_devices)
+    if wanted.items() <= _made.items():
         return
     if _has_started():
         raise RuntimeError(
@@ -52,9 +56,6 @@ def configure(
     os.environ["XLA_FLAGS"] = " ".join(flags)
     jax.config.update("jax_enable_x64", x64)
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-    if cache:
-        jax.config.update("jax_compilation_cache_dir", str(_users_cache() if cache is True else cache))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
 def _users_cache() -> Path:

@@ -81,7 +81,7 @@ class StickyStop(ElasticStop):
 
 stop = StickyStop(distance=0.1, restitution_coefficient=0.8, damping=0.02)
 sweep_design = grid(stop, {"frequency": np.linspace(2.2, 3.2, FREQUENCIES)})
-settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, progress=not SMALL)
+settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, units=units, progress=not SMALL)
 plot_bifurcation(settled, state="v")
 
 # %%

@@ -22,7 +22,7 @@ POINTS = 41 if SMALL else 401
 # %% [markdown]
 # ## Grazing
 #
-# An oscillator swings towards a stop. Move the stop away until it is only just touched: the closing speed of the last
+# An oscillator swings towards a stop. Move the stop away until it is only just touched: the closing speed of that
 # impact goes to zero, and the derivative of where the oscillator is at 8 s goes to infinity, as one over that speed.
 # Beyond, the impact is gone.
 
@@ -31,9 +31,9 @@ POINTS = 41 if SMALL else 401
 def swing(distance):
     scene = hs.scenes.ElasticStop(distance=distance)
     motion = hs.simulate(scene, scene.initial_state(), t1=8.0, throw=False, max_events=16)
-    last = jnp.maximum(motion.events.count - 1, 0)
-    speed = jnp.where(motion.events.count > 0, motion.events.closing_speed[last], jnp.nan)
-    return motion.final.q[0], (motion.events.count, speed)
+    happened = jnp.arange(16) < motion.events.count
+    slowest = jnp.min(jnp.where(happened, motion.events.closing_speed, jnp.inf))
+    return motion.final.q[0], (motion.events.count, slowest)
 
 
 distances = jnp.linspace(0.3, 2.6, POINTS)
@@ -44,15 +44,16 @@ panels[0].set_ylabel("place at 8 s [m]")
 panels[1].semilogy(distances, np.abs(slopes), ".", color="black", markersize=2)
 panels[1].set_ylabel("|derivative|")
 panels[2].plot(distances, speeds, ".", color="black", markersize=2)
-panels[2].set(ylabel="closing speed of\nthe last impact [m/s]", xlabel="distance of the stop [m]")
+panels[2].set(ylabel="closing speed of the\nslowest impact [m/s]", xlabel="distance of the stop [m]")
 for edge in distances[1:][np.diff(counts) != 0]:
     for axes in panels:
         axes.axvline(edge, color="0.8", zorder=0)
 
 # %% [markdown]
-# Grey lines are where the number of impacts changes. On one side of each, the closing speed falls to zero and the
-# derivative grows without bound; across it the outcome has a kink. **How to notice:** `motion.events.closing_speed`,
-# and the status `grazing` where the tolerance cannot tell touch from miss.
+# Grey lines are where the number of impacts changes. On one side of each, the closing speed of one impact falls to
+# zero, and the derivative grows without bound, over a wide range at the right line and a narrow one at the left.
+# Across it the outcome has a kink. **How to notice:** `motion.events.closing_speed`, and the status `grazing` where
+# the tolerance cannot tell touch from miss.
 #
 # ## Another sequence of events
 #

@@ -91,10 +91,13 @@ def test_the_console_script_configures_jax_and_passes_its_status_on():
 
 
 def test_the_same_settings_may_be_made_twice():
-    """Other ones may not, once JAX has started. A notebook's first cell can be run again."""
+    """Other ones may not, once JAX has started, but for the cache. A notebook's first cell can be run again, and a file
+    that a command loads may have the call too."""
     code = (
         "import hybridsens, jax.numpy as jnp\n"
-        "hybridsens.configure(); jnp.ones(1); hybridsens.configure()\n"
+        "hybridsens.configure(cache=True, host_devices=2); jnp.ones(1); hybridsens.configure()\n"
+        "import jax; assert str(jax.config.jax_compilation_cache_dir).endswith('hybridsens')\n"
+        "hybridsens.configure(cache='elsewhere'); assert jax.config.jax_compilation_cache_dir == 'elsewhere'\n"
         "try:\n    hybridsens.configure(x64=False)\nexcept RuntimeError as error:\n    print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)

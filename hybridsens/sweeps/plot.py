@@ -30,8 +30,11 @@ def plot_sweep(dataset: "xr.Dataset") -> "Figure":
     maps |= {f"|dJ/d {dim}|": abs(derivatives[dim]) for dim in map(str, dims) if dim in derivatives}
     if "event_count" in dataset:
         maps["events"] = dataset.event_count.where(dataset.J.notnull())
-    figure = new_figure((3.6 * len(maps), 3.4))
-    for axes, (title, values) in zip(np.ravel(figure.subplots(1, len(maps), sharey=True)), maps.items(), strict=True):
+    columns = 2 if len(maps) > 3 else len(maps)
+    rows = -(-len(maps) // columns)
+    figure = new_figure((4.2 * columns, 3.4 * rows))
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes, (title, values) in zip(panels, maps.items(), strict=len(maps) == panels.size):
         draw_map(axes, values, logarithmic=title.startswith("|"))
         axes.set_title(title, fontsize="medium")
         if "event_sequence" in dataset:
@@ -51,6 +54,7 @@ def draw_map(axes: "Axes", values: "xr.DataArray", logarithmic: bool = False) ->
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel(_label(values[x]))
     axes.set_ylabel(_label(values[y]))
+    axes.label_outer()
 
 
 def draw_borders(axes: "Axes", sequence: "xr.DataArray") -> None:
