@@ -67,7 +67,7 @@ def _tree(dataset, outline: str, name: str) -> Any:
 
 def _events(dataset) -> Events:
     """The rows of the file, with the padding that they had."""
-    padded = lambda name, filling=0: _padded(dataset, dataset[name].values, filling)
+    padded = lambda name, filling=0.0: _padded(dataset, dataset[name].values, filling)
     before, after = (State(padded(f"event_q_{side}"), padded(f"event_v_{side}")) for side in ("before", "after"))
     return Events(
         padded("event_time", np.inf), padded("event_kind", -1), padded("event_contact", -1), before, after,
