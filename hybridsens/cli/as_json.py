@@ -1,5 +1,6 @@
 """Results as JSON on the output stream, for a program to read: numbers in full, and null for what is not finite."""
 
+import enum
 import json
 import math
 from typing import Annotated, Any
@@ -22,6 +23,8 @@ def _plain(value: Any) -> Any:
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(entry) for entry in value]
+    if isinstance(value, enum.Enum):
+        return value.name.lower()
     if isinstance(value, str | bool | int) or value is None:
         return value
     if isinstance(value, float):
