@@ -17,7 +17,7 @@ _PRODUCTS_KNOWN = (0, 10)
 
 
 _made: dict[str, Any] = {}
-"""The settings of the last call."""
+"""The settings made that JAX reads once."""
 
 
 def configure(
@@ -25,7 +25,7 @@ def configure(
     x64: bool = True,
     host_devices: int | None = None,
     small_loop_bytes: int = 16_777_216,
-    cache: str | Path | None = None,
+    cache: str | Path | bool | None = None,
 ) -> None:
     """Set JAX up for hybridsens. Call it once, before the first array is made. Without it motions are computed in
     single precision, and several times slower.
@@ -34,15 +34,20 @@ def configure(
     - `host_devices`: how many devices a CPU shows as, so that a sweep uses that many cores. Default: leave it.
     - `small_loop_bytes`: a loop that carries less than this is compiled into one kernel on a CPU instead of being
       interpreted operation by operation. It makes motions several times faster, and compiles faster.
-    - `cache`: a folder in which JAX keeps compiled programs for the next start of Python. Default: leave it.
+    - `cache`: a folder in which JAX keeps compiled programs for the next start of Python; True for one below the
+      user's own folder of caches ($XDG_CACHE_HOME, or ~/.cache). Default: leave it. The command line keeps them.
 
     It also makes a CPU run programs in the calling thread: waking another thread costs more than a short motion.
-    The same call again does nothing, so that a notebook's cell can be run twice.
+    The same call again does nothing, so that a notebook's cell can be run twice; `cache` may be changed at any time.
 
     Raises: RuntimeError if JAX has already started with other settings, since it reads them only then.
     """
-    wanted = dict(x64=x64, host_devices=host_devices, small_loop_bytes=small_loop_bytes, cache=cache)
-    if wanted == _made:
+    if cache:
+        jax.config.update("jax_compilation_cache_dir", str(_users_cache() if cache is True else cache))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    wanted: dict[str, Any] = dict(x64=x64, small_loop_bytes=small_loop_bytes)
+    wanted |= {} if host_devices is None else dict(host_devices=host_devices)
+    if wanted.items() <= _made.items():
         return
     if _has_started():
         raise RuntimeError(
@@ -60,9 +65,11 @@ def configure(
     os.environ["XLA_FLAGS"] = " ".join(flags)
     jax.config.update("jax_enable_x64", x64)
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-    if cache is not None:
-        jax.config.update("jax_compilation_cache_dir", str(cache))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def _users_cache() -> Path:
+    """Where programs of this user are kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hybridsens"
 
 
 def _has_started() -> bool:

@@ -13,13 +13,15 @@ from .export.trees import restored
 from .mechanics.scene import State
 from .mechanics.trajectory import Events, Trajectory
 from .outcome import Steps
+from .solution import Solution, SolutionEvents
 from .status import Status
 
 
 def load(path: str | Path) -> Any:
-    """What `save` wrote: a `Trajectory`, with every number as it was, or the xarray Dataset of a `FitResult`.
+    """What `save` wrote: a `Trajectory` or a `Solution`, with every number as it was, or the xarray Dataset of a
+    `FitResult`.
 
-    The scene is not in the file, so a trajectory that was loaded has no `evaluate`.
+    The scene is not in the file, so a motion that was loaded has no `evaluate`.
     Raises: ImportError without xarray; FileNotFoundError; ValueError for a file that `save` did not write."""
     xarray = optional("xarray", "hybridsens.load()")
     with xarray.open_dataset(path, engine="netcdf4") as file:
@@ -27,40 +29,59 @@ def load(path: str | Path) -> Any:
     kind = dataset.attrs.get("hybridsens")
     if kind == "fit":
         return dataset
-    if kind != "trajectory" or "cost_structure" not in dataset.attrs:
+    readers = {"trajectory": _trajectory, "solution": _solution}
+    if kind not in readers or "cost_structure" not in dataset.attrs:
         raise ValueError(f"{path} must be a file that `save` of hybridsens wrote, but is not: open it with xarray.")
-    return _trajectory(dataset)
+    return readers[kind](dataset)
 
 
 def _trajectory(dataset) -> Trajectory:
-    sampled = "time" in dataset
     array = lambda name: jnp.asarray(dataset[name].values)
-    samples = (array("time"), array("q"), array("v")) if sampled else (None, None, None)
-    tree = lambda name: restored(json.loads(dataset.attrs[f"{name}_structure"]), {str(n): array(n) for n in dataset})
-    steps = Steps(*(jnp.asarray(dataset.attrs[f"steps_{name}"]) for name in ("accepted", "rejected")))
+    samples = (array("time"), array("q"), array("v")) if "time" in dataset else (None, None, None)
     final = State(array("final_q"), array("final_v"))
-    events, status = _events(dataset, tree("event_mode")), _status(dataset.attrs)
-    return Trajectory(*samples, final, tree("cost"), events, array("closed"), tree("mode"), status, steps)
+    cost, mode, event_mode = (_tree(dataset, name, name) for name in ("cost", "mode", "event_mode"))
+    events, status, steps = _events(dataset, event_mode), _status(dataset.attrs), _steps(dataset.attrs)
+    return Trajectory(*samples, final, cost, events, array("closed"), mode, status, steps)
+
+
+def _solution(dataset) -> Solution:
+    ts = jnp.asarray(dataset["time"].values) if "time" in dataset else None
+    x = None if ts is None else _tree(dataset, "x", "x")
+    rows = lambda outline, name: jax.tree.map(lambda leaf: _padded(dataset, leaf), _tree(dataset, outline, name))
+    events = SolutionEvents(
+        _padded(dataset, dataset["event_time"].values, np.inf), _padded(dataset, dataset["event_guard"].values, -1),
+        rows("x", "event_before"), rows("x", "event_after"), rows("mode", "event_mode"),
+        jnp.asarray(dataset.sizes["event"]),
+    )  # fmt: skip
+    final, cost, mode = (_tree(dataset, *names) for names in (("x", "final"), ("cost", "cost"), ("mode", "mode")))
+    return Solution(ts, x, final, cost, events, mode, _status(dataset.attrs), _steps(dataset.attrs), None)
+
+
+def _tree(dataset, outline: str, name: str) -> Any:
+    """The tree whose leaves are the variables `name`, `name`.this, ..., in the structure that is kept as `outline`."""
+    leaves = [str(key) for key in dataset if key == name or str(key).startswith(f"{name}.")]
+    arrays = {outline + key.removeprefix(name): jnp.asarray(dataset[key].values) for key in leaves}
+    return restored(json.loads(dataset.attrs[f"{outline}_structure"]), arrays)
 
 
 def _events(dataset, mode) -> Events:
     """The rows of the file, with the padding that they had."""
-    rows = int(dataset.attrs["max_events"])
-
-    def filled(values, filling: Any = 0):
-        return jnp.asarray(
-            np.concatenate([values, np.full((rows - len(values), *values.shape[1:]), filling, values.dtype)])
-        )
-
-    def padded(name: str, filling: Any = 0):
-        return filled(dataset[name].values, filling)
-
+    padded = lambda name, filling=0.0: _padded(dataset, dataset[name].values, filling)
     before, after = (State(padded(f"event_q_{side}"), padded(f"event_v_{side}")) for side in ("before", "after"))
     return Events(
         padded("event_time", np.inf), padded("event_kind", -1), padded("event_contact", -1), before, after,
         padded("impulse"), padded("closing_speed"), padded("order_matters", False),
-        jax.tree.map(lambda leaf: filled(np.asarray(leaf)), mode), jnp.asarray(dataset.sizes["event"]),
+        jax.tree.map(lambda leaf: _padded(dataset, leaf), mode), jnp.asarray(dataset.sizes["event"]),
     )  # fmt: skip
+
+
+def _padded(dataset, rows, filling: float | int = 0):
+    room, rows = int(dataset.attrs["max_events"]), np.asarray(rows)
+    return jnp.asarray(np.concatenate([rows, np.full((room - len(rows), *rows.shape[1:]), filling, rows.dtype)]))
+
+
+def _steps(attributes) -> Steps:
+    return Steps(*(jnp.asarray(attributes[f"steps_{name}"]) for name in ("accepted", "rejected")))
 
 
 def _status(attributes) -> Status:

@@ -35,6 +35,7 @@ from .settings import check_settings, given_numbers, horizon_status, segment_roo
 from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.direction import forward_only, reverse_only
+from .waiting import waiting
 
 
 def simulate(
@@ -56,6 +57,7 @@ def simulate(
     capture_speed: float | Array | None = None,
     adjoint: AbstractGradientMethod | None = None,
     throw: bool | Literal["nan"] = True,
+    progress: bool = False,
 ) -> Trajectory:
     """Motion of a scene from t0 to t1 through impacts, captures and releases, with its exact gradient.
 
@@ -93,6 +95,7 @@ def simulate(
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (per lane of a batch). A motion that
       broke off returns the state where it did, with the gradient of that state: one that could not begin has gradient
       0, which an optimiser takes for a stationary point. "nan" makes value and gradient of such a motion nan instead.
+    - `progress`: show on a terminal for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
 
@@ -129,7 +132,8 @@ def simulate(
     system = contacts if switching is None else SwitchedSystem(contacts, *switching, mode)
     if not adjoint.forward_mode:
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
-    trajectory = _simulate(system, state, t0, t1, ts, method, adjoint)
+    with waiting("compiling and simulating", progress):
+        trajectory = _simulate(system, state, t0, t1, ts, method, adjoint)
     if throw == "nan":
         trajectory = nan_unless_reached(trajectory, (system, state, t0, t1, ts))
     elif throw:

@@ -1,5 +1,6 @@
 """What `solve` returns. Everything with a floating point type here can be differentiated."""
 
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -8,8 +9,11 @@ import jax.core
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .export.attributes import must_be_one, with_structure
 from .export.html import preformatted
+from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.trees import as_text
+from .numerics.sample_times import with_room
 from .outcome import Steps
 from .status import Status
 
@@ -30,6 +34,11 @@ class SolutionEvents(eqx.Module):
     """Modes just after."""
     count: Int[Array, "*batch"]
     """How many events there were."""
+
+    def to_pandas(self):
+        """A pandas DataFrame with a row for each event that there was: time, guard, mode after it, states before and
+        after. Raises: ImportError without pandas; ValueError for a batch."""
+        return solution_events(self)
 
 
 class Solution(eqx.Module):
@@ -56,11 +65,41 @@ class Solution(eqx.Module):
         """States at times between t0 and t1, a number or a sorted array, as exact as the motion itself.
 
         The motion is solved again, with samples at these times: a number of calls in a row is dearer than one call
-        with all times, or `ts=` of `solve`."""
+        with all times, or `ts=` of `solve`. The number of times is rounded up inside, so that few numbers of them
+        compile anew.
+
+        Raises: ValueError for a motion that was loaded, which does not know its system."""
+        if self.again is None:
+            raise ValueError(
+                "evaluate() must know the system of its motion, which is not in a file: pass `ts=` to `solve` before "
+                "the motion is saved."
+            )
         times = jax.numpy.asarray(ts, float)
-        assert self.again is not None
-        found = self.again(times if times.ndim else times[None]).x
-        return found if times.ndim else jax.tree.map(lambda leaf: leaf[0], found)
+        found = self.again(with_room(times if times.ndim else times[None])).x
+        cut = slice(times.shape[0]) if times.ndim else 0
+        return jax.tree.map(lambda leaf: leaf[cut], found)
+
+    def to_xarray(self):
+        """An xarray Dataset of all that is here, named by the leaves of the state and of the mode (x.v, event_after.v,
+        event_mode.on), with events in as many rows as there were.
+
+        Raises: ImportError without xarray; ValueError for a batch of motions."""
+        return solution_dataset(self)
+
+    def to_pandas(self):
+        """A pandas DataFrame of the samples, indexed by time. `.events.to_pandas()` is that of the events.
+
+        Raises: ImportError without pandas; ValueError for a batch of motions or one without samples."""
+        return solution_samples(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write all of the motion to a netCDF file, from which `hybridsens.load` makes the same solution.
+
+        Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a state, a mode or a cost
+        that is made of more than dict, list, tuple and arrays."""
+        must_be_one(self.events.count, "save()")
+        outlined = with_structure(self.to_xarray(), x=self.final, mode=self.mode, cost=self.cost)
+        outlined.to_netcdf(path, engine="netcdf4")
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""

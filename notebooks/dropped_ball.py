@@ -11,11 +11,11 @@ import hybridsens as hs
 
 hs.configure()
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from jaxtyping import Array, Float  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
 
-from hybridsens.estimation import fit, read_measurements  # noqa: E402
+from hybridsens.estimation import fit, read_measurements
 
 here = Path(__file__).parent if "__file__" in globals() else Path.cwd()
 record = read_measurements(here / "data" / "dropped_ball.csv", columns=["z"])
@@ -83,5 +83,4 @@ bounce, landing = np.asarray(motion.events.time)[:2]
 print(f"first impact at {bounce:.4f} s, second at {landing:.4f} s")
 
 # %%
-figure = result.plot()
-figure.suptitle("a dropped ball")
+result.plot()

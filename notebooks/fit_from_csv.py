@@ -11,8 +11,8 @@ import hybridsens as hs
 
 hs.configure()
 
-from hybridsens.estimation import GrowingHorizon, fit, read_measurements  # noqa: E402
-from hybridsens.scenes import ElasticStop  # noqa: E402
+from hybridsens.estimation import GrowingHorizon, fit, read_measurements
+from hybridsens.scenes import ElasticStop
 
 here = Path(__file__).parent if "__file__" in globals() else Path.cwd()
 record = read_measurements(here / "data" / "stop_record.csv", missing="skip")
@@ -45,5 +45,4 @@ for name, (low, high) in result.intervals(0.95).items():
     print(f"{name:>24}: {low:.4f} ... {high:.4f}")
 
 # %%
-figure = result.plot()
-figure.suptitle("an oscillator with a stop")
+result.plot()

@@ -4,25 +4,21 @@
 # A ball falls on a floor and bounces. Ask how the height at the end depends on where it started, how hard gravity pulls
 # and how elastic the floor is. Automatic differentiation of the simulation answers at once, without a word of warning,
 # and for most ways to write the simulation the answer is wrong.
-#
-# This page is a script in cells: run it as it is, open it in VS Code, or make a notebook of it with
-# `jupytext --to ipynb --execute naive_gradients.py`.
 
 # %%
-# %matplotlib inline
 import os
 
 import hybridsens as hs
 
 hs.configure()
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
 
-from hybridsens.comparison.baselines import penalty_contact, where_reset  # noqa: E402
-from hybridsens.scenes import ElasticStop  # noqa: E402
+from hybridsens.comparison.baselines import penalty_contact, where_reset
+from hybridsens.scenes import ElasticStop
 
 SMALL = bool(os.environ.get("HYBRIDSENS_NOTEBOOKS_SMALL"))  # fewer points, for a quick look
 
@@ -143,15 +139,12 @@ for name, points in errors.items():
     print(name, *(f"h = {h:.1e}: {wrong:.1e}" for h, wrong in points), sep="\n    ")
 
 # %%
-figure = Figure(figsize=(7, 4.5), layout="constrained")
-axes = figure.subplots()
+figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
 for (name, points), style in zip(errors.items(), ("s--", "D:", "o-"), strict=True):
     axes.loglog(*zip(*points, strict=True), style, color="black", label=name, markersize=5, linewidth=1)
 axes.set(xlabel="(average) step [s]", ylabel="relative error of the gradient", title="elastic stop, five impacts")
 axes.grid(color="0.9")
-axes.legend()
-figure.savefig("naive_gradients.png", dpi=150)
-figure  # noqa: B018
+_ = axes.legend()
 
 # %% [markdown]
 # The upper two lines do not fall, however small the step. The `where` reset differentiates another function than the

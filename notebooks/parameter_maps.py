@@ -3,23 +3,19 @@
 #
 # A forced oscillator strikes a stop. How does a cost of its motion depend on the forcing, where is its gradient large,
 # and where does the sequence of impacts change? Then: which motions does it settle to?
-#
-# This page is a script in cells: run it as it is, open it in VS Code, or make a notebook of it with
-# `jupytext --to ipynb --execute parameter_maps.py`.
 
 # %%
-# %matplotlib inline
 import os
 
 import hybridsens
 
 hybridsens.configure(host_devices=os.cpu_count())  # a sweep uses every device, and a CPU shows as many as it is told to
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
 
-from hybridsens.scenes import ElasticStop  # noqa: E402
-from hybridsens.sweeps import grid, plot_bifurcation, plot_sweep, status_counts, sweep  # noqa: E402
+from hybridsens.scenes import ElasticStop
+from hybridsens.sweeps import grid, plot_bifurcation, plot_sweep, status_counts, sweep
 
 SMALL = bool(os.environ.get("HYBRIDSENS_NOTEBOOKS_SMALL"))  # coarse maps, for a quick check that everything runs
 POINTS, FREQUENCIES, PERIODS = (12, 10, 40) if SMALL else (200, 600, 200)
@@ -46,16 +42,14 @@ def cost(scene):
 design = grid(ElasticStop(), {"amplitude": np.linspace(0.5, 1.5, POINTS), "frequency": np.linspace(1.0, 2.0, POINTS)})
 units = {"amplitude": "N", "frequency": "rad/s", "J": "m2 s"}
 dataset = sweep(cost, design, units=units, progress=not SMALL)
-dataset  # noqa: B018
+dataset
 
 # %% [markdown]
 # White lines separate different sequences of impacts. Along them a motion grazes the stop: J has a kink there, and the
 # gradient beside the line can be arbitrarily large. `grazing_margin` tells how far from such a line a point is.
 
 # %%
-figure = plot_sweep(dataset)
-figure.savefig("sweep-map.png", dpi=100)
-figure  # noqa: B018
+plot_sweep(dataset)
 
 # %%
 assert status_counts(dataset) == {"successful": POINTS**2}
@@ -87,12 +81,10 @@ class StickyStop(ElasticStop):
 
 stop = StickyStop(distance=0.1, restitution_coefficient=0.8, damping=0.02)
 sweep_design = grid(stop, {"frequency": np.linspace(2.2, 3.2, FREQUENCIES)})
-settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, progress=not SMALL)
-figure = plot_bifurcation(settled, state="v")
-figure.savefig("bifurcation.png", dpi=100)
-figure  # noqa: B018
+settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, units=units, progress=not SMALL)
+plot_bifurcation(settled, state="v")
 
 # %%
 statuses = status_counts(settled)
 assert statuses["successful"] > 0.95 * FREQUENCIES
-statuses  # noqa: B018
+statuses

@@ -1,26 +1,25 @@
 """The layout is what the README says: one way of imports, small files."""
 
-import ast
 import graphlib
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "hybridsens"
+from tests.layout import MODULES, PACKAGE, ROOT, drawing, imports, module_name, part_of
+
 TESTS = ROOT / "tests"
 METHOD = {"forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
     "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch"
 }  # fmt: skip
 BASE = {"validation", "numerics", "status"}
-TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters"}
+TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters", "waiting"}
 CORE = BASE | METHOD | FRONT | TOOLS | {"xla", "flat_system", "interval", "search", "mechanics"}
 MAY_IMPORT = {
     "status": set(),
     "numerics": set(),
     "validation": set(),
     "configure": set(),
+    "waiting": set(),
     "xla": {"flat_system"},
     "interval": set(),
     "flat_system": {"status"},
@@ -33,16 +32,16 @@ MAY_IMPORT = {
     "export": {"status"},
     "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch"} | BASE,
     "watch": {"numerics"},
-    "saved": {"export", "mechanics", "outcome", "status"},
+    "saved": {"export", "mechanics", "outcome", "solution", "status"},
     "system": set(),
     "system_checks": {"system"} | BASE,
     "delays": set(),
     "flattened": {"delays", "watch", "system", "system_checks", "flat_system", "interval", "search"} | BASE,
-    "solution": {"outcome", "status", "export"},
+    "solution": {"outcome", "status", "export", "numerics"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status"},
     "solve": FRONT - {"simulate"} | METHOD | BASE,
-    "simulate": {"mechanics"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
+    "simulate": {"mechanics", "waiting"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
     "scenes": {"mechanics"},
     "systems": {"system"},
     "planar": set(),
@@ -56,50 +55,26 @@ MAY_IMPORT = {
 }
 """Part of the package -> parts that it may import, itself apart."""
 
-MODULES = sorted(PACKAGE.rglob("*.py"))
-
-
-def _name(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts)
-
-
-NAMES = {_name(path).removesuffix(".__init__") for path in MODULES}
-
-
-def _imports(path: Path, of: str = "hybridsens") -> set[str]:
-    """Modules of a package that a file imports, wherever the import stands: in functions and for types alone too."""
-    package = _name(path).split(".")[:-1]
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else []
-            origin = base + (node.module.split(".") if node.module else [])
-            names = {".".join([*origin, alias.name]) for alias in node.names}
-            found |= {name if name in NAMES else ".".join(origin) for name in names}
-        elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-    return {name for name in found if name.split(".")[0] == of}
-
-
-def _part(name: str) -> str:
-    parts = name.split(".")
-    return parts[1] if len(parts) > 1 else "__init__"
-
-
-@pytest.mark.parametrize("path", MODULES, ids=_name)
+@pytest.mark.parametrize("path", MODULES, ids=module_name)
 def test_a_file_imports_only_from_floors_above_it(path):
     """Physics and method meet in one small interface, and neither knows what is studied with them."""
-    part = _part(_name(path))
-    forbidden = {name for name in _imports(path) if _part(name) not in MAY_IMPORT[part] | {part}}
+    part = part_of(module_name(path))
+    forbidden = {name for name in imports(path) if part_of(name) not in MAY_IMPORT[part] | {part}}
     assert not forbidden
 
 
 def test_imports_form_no_circle():
-    """A reader can take the files in an order in which each one needs only those before it: nothing is imported later,
-    or for its type alone, to get round that."""
-    packages = {_name(path.parent): _name(path) for path in MODULES if path.name == "__init__.py"}
-    graph = {_name(path): {packages.get(name, name) for name in _imports(path)} - {_name(path)} for path in MODULES}
+    """A reader can take the files in an order in which each one needs only those before it: nothing is imported
+    later, or for its type alone, to get round that."""
+    packages = {module_name(path.parent): module_name(path) for path in MODULES if path.name == "__init__.py"}
+    behind = lambda path: {packages.get(name, name) for name in imports(path)} - {module_name(path)}
+    graph = {module_name(path): behind(path) for path in MODULES}
     assert len(list(graphlib.TopologicalSorter(graph).static_order())) >= len(MODULES)
+
+
+def test_the_contributors_page_draws_the_layout_as_it_is():
+    """`python tests/layout.py` draws it anew."""
+    assert f"```text\n{drawing()}\n```" in (ROOT / "CONTRIBUTING.md").read_text()
 
 
 def test_files_are_small_and_have_a_subject():
@@ -124,5 +99,5 @@ def test_tests_mirror_the_package():
     """Who knows where something is knows where its tests are; and tests stand on their own."""
     folders = {path.name for path in PACKAGE.iterdir() if path.is_dir()} | {"accuracy", "docs", "problems"}
     assert {path.parent.name for path in TESTS.rglob("*.py") if path.parent != TESTS} <= folders
-    origins = {path: _imports(path, "benchmarks") for path in TESTS.rglob("*.py")}
+    origins = {path: imports(path, "benchmarks") for path in TESTS.rglob("*.py")}
     assert origins and {path for path, names in origins.items() if names} == set()

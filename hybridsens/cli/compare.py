@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from .models import HELP, file_name, runnable
+from .models import HELP, complete, file_name, runnable
 
 
 def compare(
-    scene: Annotated[str, typer.Argument(help=HELP)] = "elastic-stop",
+    scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)] = "elastic-stop",
     tolerance: Annotated[float, typer.Option(help="rtol and atol of the methods with error control.")] = 1e-8,
     steps: Annotated[int, typer.Option(help="Steps of the methods with a fixed step.")] = 10_000,
     output: Annotated[Path | None, typer.Option(help="Picture. Default: hybridsens-compare-SCENE.png here.")] = None,

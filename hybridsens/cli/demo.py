@@ -1,9 +1,11 @@
 """`hybridsens demo`: a motion, its functional's gradient by three methods, and a picture."""
 
 import inspect
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
@@ -11,33 +13,98 @@ from rich.console import Console
 from rich.table import Table
 
 from ..comparison.demo import Demonstration, demonstrate, relative_errors
+from ..mechanics.mode import EventKind
+from ..mechanics.trajectory import Trajectory
 from ..plot import plot_gradients, plot_trajectory
 from ..plot.solution import draw_solution
 from ..scenes import ShippedScene
-from ..solution import Solution
+from ..solution import MOST_ROWS, Solution, SolutionEvents
+from ..status import Status
 from ..systems import ShippedSystem
-from .models import HELP, file_name, runnable
+from ..waiting import waiting
+from .as_json import Json, print_json
+from .models import HELP, complete, file_name, runnable
 
-WIDTH = 110
+WIDTH = 80
 
 
 def demo(
-    scene: Annotated[str, typer.Argument(help=HELP)] = "elastic-stop",
-    output: Annotated[Path | None, typer.Option(help="Picture to write. Default: hybridsens-SCENE.png here.")] = None,
+    scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)] = "elastic-stop",
+    output: Annotated[
+        Path | None, typer.Option(help="Picture: .png, .pdf, .svg. Default: hybridsens-SCENE.png here.")
+    ] = None,
     tolerance: Annotated[float, typer.Option(help="Relative and absolute tolerance of the integration.")] = 1e-8,
+    json: Json = False,
 ) -> None:
     """Run a scene; show its events, and its gradient beside differences and naive automatic differentiation."""
     chosen = runnable(scene)
     if not 1e-13 <= tolerance <= 1e-2:
         raise typer.BadParameter(f"the tolerance must lie between 1e-13 and 1e-2, but is {tolerance:g}")
     output = _writable(output or Path(f"hybridsens-{file_name(scene)}.png"))
-    shown = demonstrate(chosen, tolerance=tolerance)
+    with waiting("compiling the motion and its gradients", shown=True):
+        shown = demonstrate(chosen, tolerance=tolerance)
+    if json:
+        print_json(_summary(scene, shown))
+    else:
+        _print(scene, chosen, shown)
+    _picture(scene, chosen, shown).savefig(output, dpi=120)
+    print(f"picture: {output}", file=sys.stderr if json else sys.stdout)
+
+
+def _print(name: str, scene: ShippedScene | ShippedSystem, shown: Demonstration) -> None:
     console = Console(width=WIDTH, highlight=False)
-    print(f"{scene}: {inspect.getdoc(chosen)}\n\n{shown.trajectory}\n")
+    console.print(f"{name}: {inspect.getdoc(scene)}\n", markup=False)
+    _print_events(console, shown.trajectory)
     _print_gradients(console, shown)
     _print_timings(console, shown)
-    _picture(scene, chosen, shown).savefig(output, dpi=120)
-    print(f"picture: {output}")
+
+
+def _events(motion: Trajectory | Solution) -> list[dict[str, Any]]:
+    """What there is to say of each event."""
+    events, n = motion.events, int(motion.events.count)
+    time = np.asarray(events.time[:n]).tolist()
+    if isinstance(events, SolutionEvents):
+        return [dict(time=t, guard=int(guard)) for t, guard in zip(time, events.guard[:n], strict=True)]
+    return [
+        dict(
+            time=time[j], kind=EventKind(int(events.kind[j])).name.lower(), contact=int(events.contact[j]),
+            closing_speed=float(events.closing_speed[j]), impulse=float(events.impulse[j, events.contact[j]]),
+        )
+        for j in range(n)
+    ]  # fmt: skip
+
+
+def _summary(name: str, shown: Demonstration) -> dict[str, Any]:
+    """What a program wants to know."""
+    motion = shown.trajectory
+    columns = zip(
+        shown.names, shown.parameters.tolist(), shown.adjoint.tolist(), shown.differences.tolist(),
+        shown.one_sided.tolist(), shown.naive.tolist(), strict=True,
+    )  # fmt: skip
+    keys = ("name", "value", "adjoint", "differences", "one_sided", "naive")
+    return {
+        "scene": name, "status": Status[motion.status] or "successful", "steps": motion.steps,
+        "events": _events(motion), "J": shown.cost, "J_naive": shown.naive_cost,
+        "gradient": [dict(zip(keys, column, strict=True)) for column in columns], "seconds": shown.timings,
+    }  # fmt: skip
+
+
+def _print_events(console: Console, motion: Trajectory | Solution) -> None:
+    """The first and the last of them."""
+    rows = _events(motion)
+    accepted, rejected = int(motion.steps.accepted), int(motion.steps.rejected)
+    print(f"status: {Status[motion.status] or 'successful'}")
+    print(f"steps: {accepted} accepted, {rejected} rejected; events: {len(rows)}")
+    if rows:
+        table = Table(box=SIMPLE_HEAD)
+        for heading in ("event", *(key.replace("_", " ") for key in rows[0])):
+            table.add_column(heading, justify="right")
+        for j, row in enumerate(rows):
+            if len(rows) <= MOST_ROWS or j < MOST_ROWS // 2 or j >= len(rows) - MOST_ROWS // 2:
+                table.add_row(str(j), *(f"{x:.9g}" if isinstance(x, float) else str(x) for x in row.values()))
+            elif j == MOST_ROWS // 2:
+                table.add_row("...", f"({len(rows) - MOST_ROWS} more)")
+        console.print(table)
 
 
 def _writable(output: Path) -> Path:
@@ -51,17 +118,17 @@ def _writable(output: Path) -> Path:
 
 def _print_gradients(console: Console, shown: Demonstration) -> None:
     off = abs(shown.naive_cost - shown.cost) / abs(shown.cost)
-    print(f"J = int running_cost dt = {shown.cost:.12g}   (naive loop: {shown.naive_cost:.6g}, off by {off:.1e})")
+    print(f"J = int running_cost dt = {shown.cost:.10g} (naive loop: {shown.naive_cost:.6g}, off by {off:.1e})")
     print("dJ/dtheta, with errors relative to the largest entry of the differences:")
-    table = Table(box=SIMPLE_HEAD)
-    for heading in ("parameter", "value", "jump adjoint", "differences", "error", "naive autodiff", "error"):
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("parameter", "jump adjoint", "differences", "error", "naive autodiff", "error"):
         table.add_column(heading, justify="left" if heading == "parameter" else "right")
     errors = [relative_errors(values, shown.differences) for values in (shown.adjoint, shown.naive)]
     for i, name in enumerate(shown.names):
         mark = "*" if shown.one_sided[i] else " "
         table.add_row(
-            name, f"{shown.parameters[i]:.6g}", f"{shown.adjoint[i]:.9g}", f"{shown.differences[i]:.9g}{mark}",
-            f"{errors[0][i]:.1e}", f"{shown.naive[i]:.6g}", f"{errors[1][i]:.1e}",
+            name, f"{shown.adjoint[i]:.6g}", f"{shown.differences[i]:.6g}{mark}", f"{errors[0][i]:.0e}",
+            f"{shown.naive[i]:.6g}", f"{errors[1][i]:.0e}",
         )  # fmt: skip
     console.print(table)
     if shown.one_sided.any():

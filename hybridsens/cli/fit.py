@@ -1,15 +1,17 @@
 """`hybridsens fit`: parameters of a scene from a CSV file."""
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from .models import HELP, model
+from .as_json import Json, print_json
+from .models import HELP, complete, model
 
 
 def fit(
-    scene: Annotated[str, typer.Argument(help=HELP)],
+    scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)],
     data: Annotated[Path, typer.Option(help="CSV file with a header: t, then columns q0, v0, ...; sigma_q0, ...")],
     parameters: Annotated[str, typer.Option(help="What to fit: a,b,...")],
     columns: Annotated[str, typer.Option(help="Columns to use: q0,v0,... Default: all.")] = "",
@@ -29,6 +31,7 @@ def fit(
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of data, fit and residuals to write.")] = None,
     quiet: Annotated[bool, typer.Option(help="Print the result alone, no iterations.")] = False,
+    json: Json = False,
 ) -> None:
     """Fit parameters of a scene to measurements and print them with their intervals.
 
@@ -43,15 +46,33 @@ def fit(
     result = run_fit(
         _with_guess(model(scene), guess or []), record, parameters=_split(parameters),
         bounds=dict(_bound(text) for text in bound or []), optimizer=optimizer, robust=robust, starts=starts,
-        strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations, progress=not quiet,
-        store=store,
+        strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations,
+        progress=not (quiet or json), store=store,
     )  # fmt: skip
-    print(result)
+    if json:
+        print_json(_summary(result))
+    else:
+        print(result)
     if plot is not None:
         result.plot().savefig(plot, dpi=120)
-        print(f"picture: {plot}")
+        print(f"picture: {plot}", file=sys.stderr if json else sys.stdout)
     if not result.converged:
         raise typer.Exit(1)
+
+
+def _summary(result: Any) -> dict[str, Any]:
+    """What a program wants to know of a fit."""
+    intervals, errors = result.intervals(), result.standard_errors
+    values = zip(result.labels, result.guess.tolist(), result.values.tolist(), strict=True)
+    return {
+        "converged": result.converged, "stopped": result.stopped, "iterations": result.iterations,
+        "loss": result.loss, "noise": result.uncertainty.noise, "on_bound": result.on_bound,
+        "residual_correlation": result.residual_correlation,
+        "parameters": [
+            dict(name=name, guess=guess, value=value, standard_error=errors[name], interval_95=intervals[name])
+            for name, guess, value in values
+        ],
+    }  # fmt: skip
 
 
 def _with_guess(scene: Any, guesses: list[str]) -> Any:

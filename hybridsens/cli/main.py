@@ -8,18 +8,21 @@ import typer
 
 from ..configure import configure
 from ..outcome import SimulationError
+from .check import check
 from .compare import compare
 from .demo import demo
 from .fit import fit
+from .help_texts import SHORT, epilog
 from .scenes import scenes
 from .sweep import sweep
 from .work_precision import work_precision
 
-app = typer.Typer(add_completion=False, rich_markup_mode=None)
+app = typer.Typer(rich_markup_mode=None)
 
 # Every command, in the order in which `hybridsens --help` lists them.
-for command in (demo, scenes, compare, work_precision, fit, sweep):
-    app.command()(command)
+for command in (demo, scenes, check, compare, work_precision, fit, sweep):
+    name = command.__name__.replace("_", "-")
+    app.command(name, short_help=SHORT[name], epilog=epilog(name))(command)
 
 
 def _print_version(wanted: bool) -> bool:
@@ -35,7 +38,7 @@ def _hybridsens(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Hybrid mechanical motions and their exact gradients."""
+    """Hybrid mechanical motions and their exact gradients. `hybridsens COMMAND --help` has examples."""
     del show_version
 
 
@@ -51,6 +54,7 @@ def run(arguments: list[str] | None = None) -> int:
 
 
 def main() -> None:
-    """Entry point of the console script. JAX reads its settings when it starts, so they are made before any command."""
-    configure()
+    """Entry point of the console script. JAX reads its settings when it starts, so they are made before any command.
+    Compiled programs are kept, so that the same command starts quickly the next time."""
+    configure(cache=True)
     sys.exit(run())

@@ -2,6 +2,7 @@
 
 import importlib.util
 import inspect
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,11 @@ from ..validation.spelling import did_you_mean
 READY_MADE: dict[str, Any] = {**SCENES, **SYSTEMS}
 """Name -> class."""
 HELP = "A name from `hybridsens scenes`, or path/to/file.py:Class for a scene or a system of your own."
+
+
+def complete(incomplete: str) -> list[str]:
+    """Ready-made names that begin so, for the shell."""
+    return [name for name in READY_MADE if name.startswith(incomplete)]
 
 
 def model(name: str) -> Any:
@@ -64,9 +70,10 @@ def _class(file: str, name: str) -> Any:
 
 
 def _load(path: Path) -> Any:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"file_{path.stem}", path)  # a name that no library has
     if spec is None or spec.loader is None:
         raise typer.BadParameter(f"{path} must be a Python file")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where Python looks for the source of its classes
     spec.loader.exec_module(module)
     return module

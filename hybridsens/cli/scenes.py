@@ -1,16 +1,76 @@
-"""`hybridsens scenes`: what there is to run."""
+"""`hybridsens scenes`: what there is to run, and what can be varied in it."""
 
 import inspect
+import textwrap
+from typing import Annotated, Any
+
+import typer
 
 from ..scenes import SCENES
 from ..systems import SYSTEMS
+from .as_json import Json, print_json
+from .models import complete, model
+from .parameter_texts import ParameterText, parameter_texts
+
+WIDTH = 80
 
 
-def scenes() -> None:
-    """List the ready-made scenes and hybrid systems."""
-    width = max(map(len, [*SCENES, *SYSTEMS]))
+def scenes(
+    name: Annotated[
+        str,
+        typer.Argument(help="One of them, or path/to/file.py:Class, to list its parameters.", autocompletion=complete),
+    ] = "",
+    json: Json = False,
+) -> None:
+    """List the ready-made scenes and hybrid systems, or the parameters of one with units and defaults."""
+    if json:
+        names = [name] if name else [*SCENES, *SYSTEMS]
+        print_json([_described(one) for one in names])
+    elif name:
+        _print_one(name)
+    else:
+        _print_all()
+
+
+def _described(name: str) -> dict[str, Any]:
+    of = model(name)
+    return {"name": name, "about": _about(type(of)), "t1": getattr(of, "t1", None), "parameters": parameter_texts(of)}
+
+
+def _about(of: type) -> str:
+    """The first line of its module: what it is; its own text where the module has none."""
+    text = inspect.getdoc(inspect.getmodule(of)) if inspect.getmodule(of) is not None else None
+    return (text or inspect.getdoc(of) or "").partition("\n")[0]
+
+
+def _print_all() -> None:
+    width = max(map(len, [*SCENES, *SYSTEMS])) + 4
     for heading, models in (("mechanical scenes", SCENES), ("hybrid systems", SYSTEMS)):
         print(f"{heading}:")
         for name, of in models.items():
-            about = inspect.getdoc(inspect.getmodule(of)) or ""
-            print(f"  {name:<{width}}  {about.partition(chr(10))[0]}")
+            print(textwrap.fill(f"{f'  {name}':<{width}}{_about(of)}", WIDTH, subsequent_indent=" " * width))
+    print("\n`hybridsens scenes NAME` lists the parameters of one.")
+
+
+def _print_one(name: str) -> None:
+    of = model(name)
+    print(textwrap.fill(f"{name}: {_about(type(of))}", WIDTH) + "\n")
+    for paragraph in (inspect.getdoc(type(of)) or "").split("\n\n"):
+        print(textwrap.fill(paragraph, WIDTH) + "\n")
+    rows = parameter_texts(of)
+    width = max([len(row.name) for row in rows], default=0) + 2
+    print(f"{'parameter':<{width}} {'default':<12} {'unit':<8} meaning")
+    for row in rows:
+        first = f"{row.name:<{width}} {_default(row):<12} {row.unit:<8} {row.about}"
+        print(textwrap.fill(first, WIDTH, subsequent_indent=" " * (width + 23), drop_whitespace=True).rstrip())
+
+
+def _default(row: ParameterText) -> str:
+    """A number, or the shape of an array."""
+    if not isinstance(row.default, list):
+        return f"{row.default:.6g}"
+    numbers = ", ".join(f"{number:g}" for number in row.default if not isinstance(number, list))
+    nested = any(isinstance(number, list) for number in row.default)
+    return f"{len(row.default)} x {len(row.default[0])}" if nested else f"[{numbers}]" if len(numbers) < 11 else (
+        f"{len(row.default)} numbers"
+    )  # fmt: skip

@@ -6,13 +6,14 @@ from typing import Annotated
 
 import typer
 
-from .models import HELP, runnable
+from ..validation.spelling import did_you_mean
+from .models import HELP, complete, runnable
 
 _Vary = Annotated[list[str], typer.Option(help="NAME=LOW:HIGH:COUNT; a design other than a grid takes NAME=LOW:HIGH.")]
 
 
 def sweep(
-    scene: Annotated[str, typer.Argument(help=HELP)],
+    scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)],
     vary: _Vary,
     output: Annotated[
         Path, typer.Option(help="A .zarr store, streamed to and resumed, or a .nc file written at the end.")
@@ -91,7 +92,10 @@ def _design(scene, vary: list[str], kind: str, points: int, seed: int):
         "saltelli": designs.saltelli,
     }
     if kind not in makers:
-        raise typer.BadParameter(f"the design must be one of grid, {', '.join(makers)}, but is {kind!r}")
+        known = ["grid", *makers]
+        raise typer.BadParameter(
+            f"the design must be one of {', '.join(known)}, but is {kind!r}.{did_you_mean(kind, known)}"
+        )
     return makers[kind](scene, {name: (numbers[0], numbers[1]) for name, numbers in ranges.items()}, points, seed)
 
 

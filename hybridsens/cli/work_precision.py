@@ -5,13 +5,14 @@ from typing import Annotated, Any
 
 import typer
 
-from .models import HELP, file_name, runnable
+from ..validation.spelling import did_you_mean
+from .models import HELP, complete, file_name, runnable
 
 METHODS = ("Replay", "ForwardSensitivities", "ContinuousCostate", "DiffraxAdjoint")
 
 
 def work_precision(
-    scene: Annotated[str, typer.Argument(help=HELP)] = "elastic-stop",
+    scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)] = "elastic-stop",
     solver: Annotated[list[str] | None, typer.Option(help="Name of a Diffrax solver; repeat for more.")] = None,
     method: Annotated[list[str] | None, typer.Option(help=f"One of {', '.join(METHODS)}; repeat for more.")] = None,
     single: Annotated[bool, typer.Option(help="Measure float32 as well.")] = True,
@@ -49,7 +50,9 @@ def _solver(name: str) -> Any:
 
     solver = getattr(diffrax, name, None)
     if not (isinstance(solver, type) and issubclass(solver, diffrax.AbstractAdaptiveSolver)):
-        raise typer.BadParameter(f"Diffrax has no solver with an error estimate of the name {name!r}")
+        raise typer.BadParameter(
+            f"Diffrax has no solver with an error estimate of the name {name!r}.{did_you_mean(name, vars(diffrax))}"
+        )
     return solver()
 
 
@@ -57,5 +60,7 @@ def _method(name: str) -> Any:
     from ..adjoint import methods
 
     if name not in METHODS:
-        raise typer.BadParameter(f"there is no gradient method {name!r}; choose one of {', '.join(METHODS)}")
+        raise typer.BadParameter(
+            f"there is no gradient method {name!r}; choose one of {', '.join(METHODS)}.{did_you_mean(name, METHODS)}"
+        )
     return getattr(methods, name)()

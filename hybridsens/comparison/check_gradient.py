@@ -10,6 +10,7 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.switches import has_switches
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings
+from ..waiting import waiting
 from .check_causes import ParameterCheck, find_causes
 from .check_events import check_events
 from .check_motions import on_sequence, value_with_calls
@@ -27,6 +28,7 @@ def check_gradient(
     *,
     adjoint: AbstractGradientMethod | None = None,
     tolerance: float = 1e-5,
+    progress: bool = True,
     **settings: Unpack[Settings],
 ) -> GradientCheck:
     """Check the gradient of a cost, and say which parameter and which event disagree.
@@ -43,25 +45,36 @@ def check_gradient(
     Where something is in doubt, `causes` says what is likely behind it, and what to do.
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`. `adjoint`
-    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `settings`: see
+    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `progress`: say on
+    a terminal what is waited for; a check compiles some ten programs, which takes a minute or more. `settings`: see
     `Settings`; rtol = atol = 1e-12, since differences divide the noise of motions by the width, 256 events and 16384
     steps by default.
 
     Raises: SimulationError if the motion does not reach its end.
     """
     cost = choose_cost(scene, cost)
-    parameters = flatten_parameters(scene)
     own = dict(rtol=1e-12, atol=1e-12, max_events=256, max_steps=16384)
     chosen = chosen_settings("check_gradient", settings, own)
-    reverse, forward = (
-        _gradient(parameters, cost, method, chosen) for method in (adjoint or Replay(), ForwardSensitivities())
-    )
+    with waiting("compiling the adjoint", progress) as tell:
+        return _check(flatten_parameters(scene), cost, adjoint or Replay(), tolerance, chosen, tell)
+
+
+def _check(
+    parameters: FlatParameters, cost: Cost, method: AbstractGradientMethod, tolerance: float, chosen: dict[str, Any],
+    tell: Callable[[str], None],
+) -> GradientCheck:  # fmt: skip
+    """The check in the order of its tests; `tell` hears which one is being made."""
+    reverse = _gradient(parameters, cost, method, chosen)
+    tell("compiling forward sensitivities")
+    forward = _gradient(parameters, cost, ForwardSensitivities(), chosen)
+    tell("differences")
     value = value_with_calls(parameters, cost, chosen)
     J, calls = value(parameters.vector)
     scale = _scale(parameters.vector, float(J), reverse)
     found = best_finite_differences(on_sequence(value, calls), parameters.vector, scale)
     size = _size(reverse, forward, scale)
     counts = [int(call.events.count) for call in calls]
+    tell("compiling the reference")
     reference = reference_gradient(parameters, cost, chosen, counts)
     slopes = np.stack([reverse, forward, found.slopes, found.uncertainty, reference], axis=1).tolist()
     limits = (tolerance * size).tolist()
@@ -71,9 +84,11 @@ def check_gradient(
     ):
         entry = ParameterCheck(name, by_adjoint, by_forward, by_differences, uncertainty, known, "")
         checks.append(entry._replace(verdict=_verdict(entry, limit)))
+    tell("checking each event")
     knows_contacts = lambda call: isinstance(call.scene, AbstractScene) and not has_switches(call.scene)
     mechanical = [(number, call) for number, call in enumerate(calls) if knows_contacts(call)]
     events = [check for number, call in mechanical for check in check_events(number, call, tolerance, chosen)]
+    tell("looking for causes")
     off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, chosen, counts))
     return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, chosen))
 

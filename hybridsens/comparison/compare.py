@@ -7,12 +7,12 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from rich.progress import track
 
 from ..adjoint.methods import AbstractGradientMethod, Replay
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings
 from ..system import AbstractHybridSystem
+from ..waiting import counted, waiting
 from .compare_table import Comparison as Comparison
 from .compare_table import Reference as Reference
 from .compare_table import Row as Row
@@ -67,7 +67,9 @@ def compare(
     parameters = flatten_parameters(scene)
     own = dict(rtol=tolerance, atol=tolerance, max_events=256, max_steps=4096)
     chosen = chosen_settings("compare", settings, own)
-    reference = reference or tight_reference(parameters, cost, chosen | dict(max_steps=4 * chosen["max_steps"]))
+    if reference is None:
+        with waiting("compiling the reference", progress):
+            reference = tight_reference(parameters, cost, chosen | dict(max_steps=4 * chosen["max_steps"]))
     if methods is None:
         room = (chosen["max_events"] if reference.event_count is None else reference.event_count) + 2
         methods = our_methods(adjoints, chosen)
@@ -77,7 +79,7 @@ def compare(
     rows = []
     interrupted = False
     try:
-        for method in track(methods, "comparing", disable=not progress, transient=True):
+        for method in counted(methods, lambda method: method.name, progress):
             rows.append(measure_method(method, parameters, cost, reference))
     except KeyboardInterrupt:
         interrupted = True

@@ -3,6 +3,7 @@
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..plot.figure import new_figure
 from .compare_table import Comparison, Row
 
 LEAST_ERROR = 1e-16
@@ -17,7 +18,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     A gradient whose error is above `WRONG` is hatched. A method that failed is named, without bars.
     """
     rows = list(reversed(comparison.rows))
-    figure = Figure(figsize=(9, 0.42 * len(rows) + 1.3), layout="constrained")
+    figure = new_figure((9, 0.42 * len(rows) + 1.3))
     error_axes, time_axes = figure.subplots(1, 2, sharey=True, width_ratios=[3, 2])
     for place, row in enumerate(rows):
         if row.failure:

@@ -1,5 +1,6 @@
 """The functional whose gradient is studied, as a function of one vector, with what its motions report."""
 
+import inspect
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -44,12 +45,26 @@ def ready_made_motion(scene, simulate, **settings):
 
 
 def choose_cost(scene, cost: Cost | None) -> Cost:
-    """The cost given, or a ready-made scene's own. Raises: TypeError where there is neither."""
+    """The cost given, or a ready-made scene's own. Raises: TypeError where there is neither, or one of other
+    arguments."""
     if cost is not None:
+        _must_take_both(scene, cost)
         return cost
     if not isinstance(scene, ShippedScene | ShippedSystem):
         raise TypeError(f"`cost` must be given for a {type(scene).__name__}: cost(scene, simulate) -> scalar.")
     return running_cost_functional
+
+
+def _must_take_both(scene, cost: Cost) -> None:
+    try:
+        inspect.signature(cost).bind(scene, None)
+    except ValueError:  # one that does not tell its arguments
+        return
+    except TypeError as error:
+        raise TypeError(
+            "`cost` must take two arguments, cost(scene, simulate), and move the scene by `simulate`, in whose place "
+            f"each method puts its own; but it is {getattr(cost, '__name__', cost)}{inspect.signature(cost)}."
+        ) from error
 
 
 def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Callable:

@@ -6,6 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from ..plot.figure import new_figure
+
 if TYPE_CHECKING:
     from .work_precision_points import Point, WorkPrecision
 
@@ -19,7 +21,7 @@ def plot_work_precision(study: "WorkPrecision") -> Figure:
 
     A mark for each solver, a dash for each gradient method, black for float64 and grey for float32.
     """
-    figure = Figure(figsize=(10, 4.8), layout="constrained")
+    figure = new_figure((10, 4.8))
     axes = figure.subplots(1, 2, sharey=False)
     for panel, error, title in zip(axes, ("value_error", "gradient_error"), ("J", "its gradient"), strict=True):
         front = study.pareto(error)
@@ -34,7 +36,8 @@ def plot_work_precision(study: "WorkPrecision") -> Figure:
         panel.xaxis.set_minor_formatter(NullFormatter())
         panel.grid(color="0.9", linewidth=0.6)
         panel.set_axisbelow(True)
-    axes[1].legend(fontsize="small", loc="best")
+    labelled = axes[1].get_legend_handles_labels()
+    figure.legend(*labelled, loc="outside lower center", ncols=4, frameon=False, fontsize="small")
     return figure
 
 

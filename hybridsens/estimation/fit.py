@@ -1,6 +1,7 @@
 """The front door: a scene and measurements in, parameters with their uncertainty out."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -10,6 +11,7 @@ from jaxtyping import Array
 from ..mechanics.scene import AbstractScene
 from ..settings import Settings, chosen_settings
 from ..system import AbstractHybridSystem
+from ..waiting import waiting
 from . import prepare
 from .assemble import build_result
 from .data import Measurements
@@ -83,8 +85,9 @@ def fit(
     - `starts`: descend from so many points around the guess, in one compiled run, and go on from the best: a number, or
       `RandomStarts(count, spread, seed)`.
     - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
-    - `progress`: print a line for every iteration; or a function that is called with every `Iteration`, and stops the
-      fit by returning True. Ctrl-C ends it too. The best point so far is returned; `fit(result.scene, ...)` goes on.
+    - `progress`: print a line for every iteration, and on a terminal how long compiling takes before the first; or a
+      function that is called with every `Iteration`, and stops the fit by returning True. Ctrl-C ends it too. The best
+      point so far is returned; `fit(result.scene, ...)` goes on.
     - `store`: a JSON file that holds the best values at any time. If it is there already, the fit goes on from them
       instead of the scene's.
     - `settings`: see `Settings`; rtol = atol = 1e-8, 256 events and 4096 steps by default.
@@ -101,15 +104,17 @@ def fit(
     guess = problem.selection.from_values(problem.selection.values(problem.scene))
     kept = None if keeper is None else keeper.read()
     z = guess if kept is None else problem.selection.from_values(kept)
-    listener = _print_line if progress is True else progress or None
-    audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
     plain, several = method(optimizer), None
     how = Growing(plain, strategy) if strategy is not None else plain
     starts = RandomStarts(starts) if isinstance(starts, int) else starts
-    if starts.count > 1 and kept is None:
-        several, z = _from_many(how, problem, spread_starts(problem, z, starts), max_iterations)
-        how = plain
-    descents = _to_the_end(how, problem, z, Room(max_iterations, patience), audience)
+    with ExitStack() as until_first_line:
+        until_first_line.enter_context(waiting("compiling", bool(progress)))
+        listener = _listener(progress, until_first_line.close)
+        audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
+        if starts.count > 1 and kept is None:
+            several, z = _from_many(how, problem, spread_starts(problem, z, starts), max_iterations)
+            how = plain
+        descents = _to_the_end(how, problem, z, Room(max_iterations, patience), audience)
     return build_result(how, problem, measured, guess, descents, several)
 
 
@@ -142,6 +147,21 @@ def _to_the_end(how: Method | Growing, problem: Problem, z, room: Room, audience
         return [first]
     last = descend(how, problem, first.z, Room(0, 1), audience, stages=False)
     return [first, last._replace(stopped=first.stopped)]
+
+
+def _listener(
+    progress: bool | Callable[[Iteration], Any], compiled: Callable[[], None]
+) -> Callable[[Iteration], Any] | None:
+    """Who hears of an iteration; the first of them shows that the program has been compiled."""
+    if not progress:
+        return None
+    told = _print_line if progress is True else progress
+
+    def hear(line: Iteration) -> Any:
+        compiled()
+        return told(line)
+
+    return hear
 
 
 def _print_line(line: Iteration) -> None:

@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..plot.figure import new_figure
 
-def plot_fit(result: Any) -> Any:
+
+def plot_fit(result: Any) -> Figure:
     """A figure of a `FitResult`: data and fit with the events marked, residuals, and the loss at every iteration."""
-    figure = Figure(figsize=(8, 9), layout="constrained")
+    figure = new_figure((8, 9))
     above, middle, below = figure.subplots(3, 1)
     _plot_data(above, result)
     _plot_residuals(middle, result)
@@ -36,6 +38,7 @@ def _plot_residuals(axes: Any, result: Any) -> None:
     axes.axhline(0, color="black", linewidth=0.8)
     _mark_events(axes, result)
     axes.set(xlabel="t [s]", title="residuals (model - measurement)")
+    axes.legend()
 
 
 def _plot_convergence(axes: Any, result: Any) -> None:

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from .dataset import KINDS, must_be_one
+from .attributes import must_be_one
+from .dataset import KINDS
 from .libraries import optional
 from .names import contact_names, coordinate_names
 

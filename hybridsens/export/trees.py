@@ -14,6 +14,16 @@ def named_leaves(name: str, tree: Any) -> dict[str, np.ndarray]:
     return {label(path): np.asarray(leaf) for path, leaf in leaves}
 
 
+def variables(name: str, tree: Any, *leading: str, like: str = "") -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Name -> (dimensions, array), as xarray takes them. The first dimensions are those given, the others are named
+    after the leaf, or after that of the tree `like` which it is shaped as."""
+    found = {}
+    for label, leaf in named_leaves(name, tree).items():
+        base = like + label.removeprefix(name) if like else label
+        found[label] = (*leading, *(f"{base}_{axis}" for axis in range(leaf.ndim - len(leading)))), leaf
+    return found
+
+
 def structure(name: str, tree: Any) -> Any:
     """The tree as JSON can hold it, with the name of each array in its place.
 

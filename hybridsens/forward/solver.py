@@ -5,9 +5,9 @@ from typing import NamedTuple
 import diffrax
 import equinox as eqx
 import jax
-import jax.extend.core
 import jax.numpy as jnp
 import optimistix as optx
+from jax.extend.core import ClosedJaxpr, Jaxpr
 
 from .explicit import ExplicitRungeKutta
 
@@ -95,8 +95,10 @@ def flow_size(system, mode, t, x) -> FlowSize:
 
 
 def _count(jaxpr) -> int:
-    inner = [jaxpr for equation in jaxpr.eqns for jaxpr in jax.extend.core.jaxprs_in_params(equation.params)]
-    return len(jaxpr.eqns) + sum(_count(jaxpr) for jaxpr in inner)
+    parameters = [list(equation.params.values()) for equation in jaxpr.eqns]
+    is_jaxpr = lambda leaf: isinstance(leaf, Jaxpr | ClosedJaxpr)
+    inner = filter(is_jaxpr, jax.tree.leaves(parameters, is_leaf=is_jaxpr))
+    return len(jaxpr.eqns) + sum(_count(getattr(found, "jaxpr", found)) for found in inner)
 
 
 def _with_tolerances(solver, rtol, atol):

@@ -13,10 +13,12 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..export.dataset import motion_dataset, must_be_one, with_structures
+from ..export.attributes import must_be_one, with_structure
+from ..export.dataset import motion_dataset
 from ..export.frames import events_frame, samples_frame
 from ..export.html import paragraph, preformatted, table
 from ..export.trees import as_text
+from ..numerics.sample_times import with_room
 from ..outcome import Steps
 from ..status import Status
 from .event_table import event_rows, event_table, state_text
@@ -97,9 +99,9 @@ class Trajectory(eqx.Module):
         Raises: ValueError for a motion that was loaded, indexed out of a batch or made inside of `jax.jit`, which does
         not know its scene; SimulationError for times outside of [t0, t1]."""
         times = np.asarray(ts, float)
-        room = max(16, 1 << (times.size - 1).bit_length())
         order = np.argsort(times, axis=None)
-        found = self._known_origin("evaluate()").again(ts=jnp.asarray(_padded(times, order, room), self.final.q.dtype))
+        ordered = jnp.asarray(times.ravel()[order], self.final.q.dtype)
+        found = self._known_origin("evaluate()").again(ts=with_room(ordered))
         places = np.argsort(order).reshape(times.shape)
         return State(found.q[places], found.v[places])
 
@@ -141,7 +143,8 @@ class Trajectory(eqx.Module):
 
         Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a cost or a mode that
         is made of more than dict, list, tuple and arrays."""
-        with_structures(self.to_xarray(), self).to_netcdf(path, engine="netcdf4")
+        trees = dict(cost=self.cost, mode=self.mode, event_mode=self.events.mode)
+        with_structure(self.to_xarray(), **trees).to_netcdf(path, engine="netcdf4")
 
     def come_from(self, scene: Any, again: functools.partial) -> "Trajectory":
         """This motion, which now knows what it came from.
@@ -191,8 +194,3 @@ class Trajectory(eqx.Module):
             yield f"cost: {self.cost}"
         if self.mode is not None:
             yield f"mode: {as_text(self.mode)}"
-
-
-def _padded(times, order, room: int):
-    """The times in their order, the last of them again and again."""
-    return np.pad(times.ravel()[order], (0, room - times.size), mode="edge")

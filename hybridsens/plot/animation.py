@@ -91,6 +91,9 @@ def _moving(frames, times, size, interval: float) -> FuncAnimation:
         clock.set_text(f"t = {times[k]:.2f} s")
         return [*lines, clock]
 
+    show(0)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # laid out once: a layout for each frame would let the axes tremble
     return FuncAnimation(figure, show, frames=len(frames), interval=interval, blit=False)
 
 

@@ -16,7 +16,7 @@ Bounds = Mapping[str, tuple[float, float]]
 """Lowest and highest value of each parameter."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Design:
     """Points in parameter space, held by column: a grid stores its axes only, however many points it has."""
 
@@ -37,6 +37,11 @@ class Design:
     def size(self) -> int:
         """Number of points."""
         return int(np.prod(list(self.shape.values())))
+
+    def __repr__(self) -> str:
+        shape = " x ".join(map(str, self.shape.values()))
+        ranges = ", ".join(f"{name} {column.min():g} to {column.max():g}" for name, column in self.columns.items())
+        return f"Design({self.kind}, {shape} points of {type(self.scene).__name__}: {ranges})"
 
     def block(self, slices: Mapping[str, slice]) -> dict[str, np.ndarray]:
         """Columns of a block of points, one row a point, in the order of the dimensions."""

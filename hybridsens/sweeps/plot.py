@@ -7,7 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
+from ..plot.figure import new_figure
 from .dataset import gradients
 
 if TYPE_CHECKING:
@@ -28,8 +30,11 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     maps |= {f"|dJ/d {dim}|": abs(derivatives[dim]) for dim in map(str, dims) if dim in derivatives}
     if "event_count" in dataset:
         maps["events"] = dataset.event_count.where(dataset.J.notnull())
-    figure = Figure(figsize=(4.2 * len(maps), 3.8), layout="constrained")
-    for axes, (title, values) in zip(np.ravel(figure.subplots(1, len(maps), sharey=True)), maps.items(), strict=True):
+    columns = 2 if len(maps) > 3 else len(maps)
+    rows = -(-len(maps) // columns)
+    figure = new_figure((4.2 * columns, 3.4 * rows))
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes, (title, values) in zip(panels, maps.items(), strict=len(maps) == panels.size):
         draw_map(axes, values, logarithmic=title.startswith("|"))
         axes.set_title(title, fontsize="medium")
         if "event_sequence" in dataset:
@@ -44,9 +49,12 @@ def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> N
     edges = _edges(values[x].values), _edges(values[y].values)
     drawn = np.ma.masked_invalid(values.values.T.astype(float))
     mesh = axes.pcolormesh(*edges, drawn, norm=LogNorm() if logarithmic and positive else None, rasterized=True)
-    axes.figure.colorbar(mesh, ax=axes)
+    whole = np.issubdtype(values.dtype, np.integer) or values.name == "event_count"
+    axes.figure.colorbar(mesh, ax=axes, ticks=MaxNLocator(integer=True) if whole else None)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel(_label(values[x]))
     axes.set_ylabel(_label(values[y]))
+    axes.label_outer()
 
 
 def draw_borders(axes: Axes, sequence: "xr.DataArray") -> None:
@@ -82,7 +90,7 @@ def plot_bifurcation(
         )
     (parameter,) = (dim for dim in values.dims if dim != "sample")
     if axes is None:
-        axes = Figure(figsize=(7, 4), layout="constrained").subplots()
+        axes = new_figure((7, 4)).subplots()
     x = np.repeat(dataset[parameter].values, values.sizes["sample"])
     axes.plot(
         x, values.transpose(parameter, "sample").values.ravel(), ",k" if x.size > 20_000 else ".k", markersize=1.5

@@ -1,8 +1,10 @@
 """The command line: what it prints, what it writes, and how it refuses."""
 
+import json
 import re
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
@@ -10,12 +12,27 @@ from hybridsens.cli.main import run
 from hybridsens.scenes import SCENES
 from hybridsens.systems import SYSTEMS
 
+demo = import_module("hybridsens.cli.demo")
 
-def test_demo_shows_a_right_gradient_beside_a_wrong_one(tmp_path, capsys):
-    """The jump adjoint agrees with differences to 1e-7, naive autodiff is off by all of it, a picture is written."""
+
+def test_demo_shows_a_right_gradient_beside_a_wrong_one(monkeypatch, tmp_path, capsys):
+    """The jump adjoint agrees with differences to 1e-7, naive autodiff is off by all of it, a picture is written.
+
+    The table fits a terminal, and as JSON there are the same numbers and nothing else."""
+    shown = demo.demonstrate(SCENES["elastic-stop"](), tolerance=1e-8)
+    monkeypatch.setattr(demo, "demonstrate", lambda scene, tolerance: shown)  # computed once for both
     picture = tmp_path / "motion.png"
-    assert run(["demo", "--output", str(picture)]) == 0
+    monkeypatch.chdir(tmp_path)
+    assert run(["demo", "--output", "motion.png"]) == 0
     printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 80
+    assert run(["demo", "--output", "motion.svg", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    stiffness = next(entry for entry in found["gradient"] if entry["name"] == "stiffness")
+    (row,) = re.findall(r"stiffness +(\S+) +(\S+)", printed)
+    assert [float(number) for number in row] == pytest.approx([stiffness["adjoint"], stiffness["differences"]], 1e-5)
+    assert found["status"] == "successful" and [event["kind"] for event in found["events"]] == 5 * ["impact"]
+    assert "<svg" in (tmp_path / "motion.svg").read_text()
     (errors,) = re.findall(r"largest error: jump adjoint (\S+), naive autodiff (\S+)", printed)
     assert float(errors[0]) < 1e-7
     assert float(errors[1]) > 1
@@ -36,9 +53,9 @@ def test_demo_shows_a_hybrid_system(tmp_path, capsys):
 def test_scenes_lists_every_scene_with_a_line(capsys):
     """Each name that `demo` takes stands at the start of a line that says what the scene is."""
     assert run(["scenes"]) == 0
-    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
-    assert [line[0] for line in lines] == [*SCENES, *SYSTEMS]
-    assert all(len(line[1]) > 10 for line in lines)
+    begun = re.findall(r"^  (\S+) +(\S.*)", capsys.readouterr().out, re.MULTILINE)
+    assert [name for name, _ in begun] == [*SCENES, *SYSTEMS]
+    assert all(len(text) > 10 for _, text in begun)
 
 
 @pytest.mark.parametrize(
@@ -74,10 +91,13 @@ def test_the_console_script_configures_jax_and_passes_its_status_on():
 
 
 def test_the_same_settings_may_be_made_twice():
-    """Other ones may not, once JAX has started. A notebook's first cell can be run again."""
+    """Other ones may not, once JAX has started, but for the cache. A notebook's first cell can be run again, and a file
+    that a command loads may have the call too."""
     code = (
         "import hybridsens, jax.numpy as jnp\n"
-        "hybridsens.configure(); jnp.ones(1); hybridsens.configure()\n"
+        "hybridsens.configure(cache=True, host_devices=2); jnp.ones(1); hybridsens.configure()\n"
+        "import jax; assert str(jax.config.jax_compilation_cache_dir).endswith('hybridsens')\n"
+        "hybridsens.configure(cache='elsewhere'); assert jax.config.jax_compilation_cache_dir == 'elsewhere'\n"
         "try:\n    hybridsens.configure(x64=False)\nexcept RuntimeError as error:\n    print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)

@@ -150,3 +150,13 @@ def test_every_study_is_found_in_the_package():
         assert getattr(hs, name).__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         hs.nothing  # noqa: B018
+
+
+def test_a_cost_of_one_argument_is_told_what_it_must_take():
+    """Before anything is compiled: `simulate` is what each method puts its own in the place of."""
+
+    def final_height(scene):
+        return scene.height
+
+    with pytest.raises(TypeError, match=r"two arguments, cost\(scene, simulate\), .* it is final_height\(scene\)"):
+        compare(BouncingBall(), final_height, progress=False)

@@ -55,3 +55,13 @@ def test_every_public_name_has_its_place_in_the_reference():
     text = "\n".join(page.read_text() for page in (DOCS / "reference").glob("*.md"))
     documented = re.findall(r"^::: hybridsens\.(?:\w+\.)?(\w+)$", text, re.MULTILINE)
     assert sorted(documented) == sorted(hybridsens.__all__)
+
+
+@pytest.mark.parametrize("name", hybridsens.__all__)
+def test_every_public_name_is_used_in_an_example_of_its_page(name):
+    """Behind its docstring there is code, which is run with the rest of the page."""
+    entry = re.compile(
+        rf"^::: hybridsens\.(?:\w+\.)?{name}\n(?:    [^\n]*\n)*\n```python\n(.*?)```", re.MULTILINE | re.DOTALL
+    )
+    (example,) = [code for page in (DOCS / "reference").glob("*.md") for code in entry.findall(page.read_text())]
+    assert f"hs.{name}" in example

@@ -1,6 +1,7 @@
 """What the README shows is run."""
 
 import inspect
+import json
 import re
 import textwrap
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import hybridsens
+from hybridsens.cli.main import run
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -40,6 +42,27 @@ def test_the_example_prints_the_closed_form_gradient(monkeypatch, capsys):
     expected = jax.grad(_height_after_one_impact, argnums=(0, 1))(9.81, 0.8)
     gradient = names["gradient"]
     np.testing.assert_allclose([gradient.weight, gradient.e], expected, rtol=1e-7)
+
+
+def test_from_the_readme_to_a_fitted_parameter_of_a_scene_of_one_s_own(tmp_path, capsys):
+    """The class of the README in a file of one's own, with a start and guesses, fitted to a record by the command line:
+    the restitution with which the record was made, by its closed form, comes back."""
+    (code,) = EXAMPLES
+    own = tmp_path / "own.py"
+    own.write_text(
+        code.partition("def height")[0] + "class Dropped(Ball):\n"
+        "    weight: float = 9.81\n    e: float = 0.6\n"
+        "    def initial_state(self): return hs.State([1.0], [0.0])\n"
+    )
+    t, fall = np.linspace(0.05, 0.9, 18), np.sqrt(2 / 9.81)
+    flight = np.maximum(t - fall, 0)
+    heights = np.where(t < fall, 1 - 9.81 * t**2 / 2, 0.8 * 9.81 * fall * flight - 9.81 * flight**2 / 2)
+    record = tmp_path / "record.csv"
+    record.write_text("\n".join(["t,q0", *(f"{a:.17g},{b:.17g}" for a, b in zip(t, heights, strict=True))]))
+    assert run(["fit", f"{own}:Dropped", "--data", str(record), "--sigma", "0.001", "--parameters", "e", "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["parameters"]
+    assert found["name"] == "e" and abs(found["value"] - 0.8) < 1e-6
+    assert found["interval_95"][0] < 0.8 < found["interval_95"][1]
 
 
 def test_the_control_with_knots_has_the_closed_form_gradient():

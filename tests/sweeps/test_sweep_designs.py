@@ -106,3 +106,9 @@ def test_a_bad_design_says_what_it_must_have(make, words):
     """Assert that names, bounds and numbers that do not fit are refused at once."""
     with pytest.raises(ValueError, match=words):
         make(BouncingBall())
+
+
+def test_a_design_prints_as_a_line():
+    """Assert that its points are told of, not listed."""
+    design = grid(BouncingBall(), {"height": np.linspace(1, 2, 500), "weight": [9.0, 10.0]})
+    assert str(design) == "Design(grid, 500 x 2 points of BouncingBall: height 1 to 2, weight 9 to 10)"

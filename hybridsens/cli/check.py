@@ -1,0 +1,28 @@
+"""`hybridsens check`: is the gradient of a scene right?"""
+
+from typing import Annotated
+
+import typer
+
+from .as_json import Json, print_json
+from .models import HELP, complete, runnable
+
+
+def check(
+    scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)] = "elastic-stop",
+    tolerance: Annotated[float, typer.Option(help="How far differences may be off, relative to the entry.")] = 1e-5,
+    json: Json = False,
+) -> None:
+    """Check the gradient of a scene's functional by three methods and event by event; exit status 1 where in doubt.
+
+    It takes a minute or more, most of it compilation.
+    """
+    from ..comparison.check_gradient import check_gradient  # not needed by the other commands
+
+    result = check_gradient(runnable(scene), tolerance=tolerance)
+    if json:
+        print_json({"scene": scene, "ok": result.ok, **result._asdict()})
+    else:
+        print(f"{scene}: J = int running_cost dt\n\n{result}")
+    if not result.ok:
+        raise typer.Exit(1)

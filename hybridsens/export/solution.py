@@ -1,0 +1,80 @@
+"""A motion of a hybrid system as an xarray Dataset that holds all of it, and as tables for pandas."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from .attributes import attributes, must_be_one
+from .libraries import optional
+from .trees import named_leaves, variables
+
+
+def solution_dataset(solution: Any):
+    """The leaves of the state over `time` (x.v, ...), events over `event` (as many rows as there were: event_time,
+    event_guard, event_before.v, event_after.v, event_mode), the final state and mode, the cost.
+
+    Raises: ImportError without xarray; ValueError for a batch or inside of a JAX transformation."""
+    must_be_one(solution.events.count, "to_xarray()")
+    xarray = optional("xarray", "to_xarray()")
+    events = _happened(solution.events)
+    columns = {
+        **variables("final", solution.final, like="x"),
+        **variables("mode", solution.mode),
+        **variables("cost", solution.cost),
+        "event_time": ("event", np.asarray(events.time)),
+        "event_guard": ("event", np.asarray(events.guard), {"long_name": "number of the event: the guard that fell"}),
+        **variables("event_before", events.before, "event", like="x"),
+        **variables("event_after", events.after, "event", like="x"),
+        **variables("event_mode", events.mode, "event", like="mode"),
+    }
+    coords = {}
+    if solution.ts is not None:
+        coords["time"] = ("time", np.asarray(solution.ts))
+        columns |= variables("x", solution.x, "time")
+    return xarray.Dataset(columns, coords, attributes("solution", solution))
+
+
+def solution_samples(solution: Any):
+    """One row for each sample, indexed by time, one column for each entry of the state.
+
+    Raises: ImportError without pandas; ValueError for a batch, or a motion without samples."""
+    must_be_one(solution.events.count, "to_pandas()")
+    if solution.ts is None:
+        raise ValueError(
+            "to_pandas() must have samples to tabulate, but this motion has none: pass `ts=` to `solve`. Its events "
+            "are a table by `.events.to_pandas()`."
+        )
+    pandas = optional("pandas", "to_pandas()")
+    return pandas.DataFrame(_columns("x", solution.x), pandas.Index(np.asarray(solution.ts), name="time"))
+
+
+def solution_events(events: Any):
+    """One row for each event that there was, in the order of time.
+
+    Raises: ImportError without pandas; ValueError for a batch."""
+    must_be_one(events.count, "to_pandas()")
+    pandas = optional("pandas", "to_pandas()")
+    rows = _happened(events)
+    columns = {"time": np.asarray(rows.time), "guard": np.asarray(rows.guard)}
+    sides = (("mode", rows.mode, "after"), ("x", rows.before, "before"), ("x", rows.after, "after"))
+    for root, tree, side in sides:
+        columns |= {f"{name} {side}": column for name, column in _columns(root, tree).items()}
+    return pandas.DataFrame(columns, pandas.RangeIndex(len(rows.time), name="event"))
+
+
+def _happened(events: Any):
+    """The rows of the events that there were."""
+    n = int(events.count)
+    return jax.tree.map(lambda leaf: leaf[:n] if np.ndim(leaf) else leaf, events)
+
+
+def _columns(root: str, tree: Any) -> dict[str, np.ndarray]:
+    """Name of each entry -> its column: v, v[1], i[0, 2], or x[1] where the state has no names of its own; mode.on. The
+    first axis of each leaf is that of the rows."""
+    columns = {}
+    for name, leaf in named_leaves(root, tree).items():
+        label = name.removeprefix("x.")
+        for index in np.ndindex(*leaf.shape[1:]):
+            columns[f"{label}[{', '.join(map(str, index))}]" if index else label] = leaf[:, *index]
+    return columns

@@ -1,0 +1,102 @@
+"""What commands print for people fits 80 columns; for programs there is JSON; help has examples that parse."""
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from hybridsens.cli.help_texts import EXAMPLES, SHORT
+from hybridsens.cli.main import app, run
+from hybridsens.scenes import SCENES
+from hybridsens.systems import SYSTEMS
+
+COMMANDS = typer.main.get_command(app).commands
+
+
+def _lines(capsys) -> list[str]:
+    return capsys.readouterr().out.splitlines()
+
+
+@pytest.mark.parametrize("command", ["", *SHORT])
+def test_help_fits_a_terminal_and_is_not_cut(command, monkeypatch, capsys):
+    """80 columns, no line that ends in dots, and an example of every command in its help."""
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run([command, "--help"] if command else ["--help"]) == 0
+    lines = _lines(capsys)
+    assert max(map(len, lines)) <= 80
+    assert [line for line in lines[1:] if line.endswith("...")] == []
+    assert command == "" or EXAMPLES[command][0] in "\n".join(lines)
+
+
+@pytest.mark.parametrize("command", SHORT)
+def test_examples_parse(command):
+    """Every option of an example is one that the command has."""
+    for example in "\n".join(EXAMPLES[command]).replace("\\\n", " ").splitlines():
+        program, name, *arguments = shlex.split(example)
+        assert (program, name) == ("hybridsens", command)
+        COMMANDS[command].make_context(command, arguments)
+
+
+@pytest.mark.parametrize("name", ["", *SCENES, *SYSTEMS])
+def test_scenes_fit_a_terminal(name, capsys):
+    """The list, and every scene with its parameters."""
+    assert run(["scenes", name] if name else ["scenes"]) == 0
+    assert max(map(len, _lines(capsys))) <= 80
+
+
+def test_parameters_have_defaults_units_and_meanings(tmp_path, capsys):
+    """Of a ready-made scene, and of a class in a file, which adds one field to those that it inherits."""
+    file = tmp_path / "own.py"
+    file.write_text(
+        "from hybridsens.scenes import ElasticStop\n\n"
+        "class Own(ElasticStop):\n    distance: float = 0.25\n    '''Of the stop [mm].'''\n"
+    )
+    assert run(["scenes", "bouncing-ball"]) == 0
+    rows = [re.split(r"\s{2,}", line) for line in _lines(capsys)]
+    assert ["height", "1", "m", "Initial height"] in rows
+    assert run(["scenes", "bouncing-ball", "--json"]) == 0
+    (ball,) = json.loads(capsys.readouterr().out)
+    weight = next(entry for entry in ball["parameters"] if entry["name"] == "weight")
+    assert weight == {"name": "weight", "default": 9.81, "unit": "N", "about": ""}
+    assert run(["scenes", f"{file}:Own", "--json"]) == 0
+    (own,) = json.loads(capsys.readouterr().out)
+    assert {"stiffness": "N/m"}.items() <= {entry["name"]: entry["unit"] for entry in own["parameters"]}.items()
+
+
+@pytest.mark.slow
+def test_check_prints_json_and_its_status(capsys):
+    """The gradient of a ball is right: status 0."""
+    assert run(["check", "bouncing-ball", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ok"] and {entry["verdict"] for entry in found["parameters"]} == {""}
+
+
+def test_the_shell_is_told_the_names_of_scenes():
+    """As bash asks for them."""
+    code = "from hybridsens.cli.main import app; app(prog_name='hybridsens')"
+    asked = {"_HYBRIDSENS_COMPLETE": "complete_bash", "COMP_WORDS": "hybridsens demo pend", "COMP_CWORD": "2"}
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True)
+    assert done.stdout.split() == ["pendulum-wall"], done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (["dmeo"], "'demo'"),
+        (["demo", "pendulum-wal"], "'pendulum-wall'"),
+        (["demo", "--tolerence", "1"], "--tolerance"),
+        (["work-precision", "--solver", "Tsit"], "'Tsit5'"),
+        (["work-precision", "--method", "Reply"], "'Replay'"),
+        (["sweep", "elastic-stop", "--vary", "mass=1:2", "--output", "x.nc", "--design", "sobl"], "'sobol'"),
+        (["sweep", "elastic-stop", "--vary", "mas=1:2:3", "--output", "x.nc"], "'mass'"),
+    ],
+)
+def test_a_misspelt_name_is_answered_with_the_one_that_was_meant(arguments, meant, capsys):
+    """Of commands, scenes, options, solvers, methods, designs and parameters."""
+    assert run(arguments) != 0
+    assert meant in capsys.readouterr().err

@@ -1,0 +1,95 @@
+"""Out of a motion of a hybrid system lead tables, data sets and files, and a file leads back."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hybridsens as hs
+
+TS = jnp.linspace(0.0, 3.0, 7)
+
+
+class Dripping(hs.AbstractHybridSystem):
+    """Two tanks fill at constant rates; a full one is emptied. Tank k is full at every 1 / rate[k]."""
+
+    rates: jax.Array
+
+    def flow(self, t, x, mode):
+        return {"level": self.rates, "clock": (jnp.ones_like(t), 0 * x["clock"][1])}
+
+    def guards(self, t, x, mode):
+        return 1.0 - x["level"]
+
+    def transition(self, event, t, x, mode):
+        emptied = jnp.arange(2) == event
+        return x | {"level": jnp.where(emptied, 0.0, x["level"])}, {"last": event, "count": mode["count"] + emptied}
+
+
+def _cost(system, t, x, mode):
+    return {"water": jnp.sum(x["level"]), "both": (x["level"], x["clock"][0])}
+
+
+@pytest.fixture(scope="module")
+def motion():
+    start = {"level": jnp.zeros(2), "clock": (0.0, 7.0)}
+    mode = {"last": jnp.array(-1), "count": jnp.zeros(2, int)}
+    return hs.solve(Dripping(jnp.array([0.8, 0.45])), start, mode, t1=3.0, ts=TS, running_cost=_cost, max_events=8)
+
+
+def test_samples_and_events_are_tables(motion):
+    """Columns are named by the leaves of the state; rows are the events that there were, at their known times."""
+    samples, events = motion.to_pandas(), motion.events.to_pandas()
+    assert list(samples.columns) == ["clock.0", "clock.1", "level[0]", "level[1]"]
+    np.testing.assert_allclose(samples["clock.0"], TS, atol=1e-12)
+    np.testing.assert_array_equal(samples["level[1]"], motion.x["level"][:, 1])
+    np.testing.assert_allclose(events["time"], [1 / 0.8, 1 / 0.45, 2 / 0.8], rtol=1e-9)
+    assert events["guard"].tolist() == events["mode.last after"].tolist() == [0, 1, 0]
+    assert events["mode.count[0] after"].tolist() == [1, 1, 2]
+    np.testing.assert_allclose(events["level[1] before"], [0.45 / 0.8, 1.0, 0.45 * 2.5 - 1], rtol=1e-7)
+
+
+def test_a_data_set_holds_all_of_a_motion(motion):
+    """By name: samples, events without padding, modes, and each part of the cost; the state has the same dimension
+    before and after an event."""
+    dataset = motion.to_xarray()
+    np.testing.assert_array_equal(dataset["x.level"].sel(time=1.5), motion.x["level"][3])
+    assert dataset["event_before.level"].dims == dataset["event_after.level"].dims == ("event", "x.level_0")
+    assert dataset["event_after.level"].values[0, 0] == 0 and dataset["mode.count"].values.tolist() == [2, 1]
+    assert dataset["cost.both.0"].values.tolist() == motion.cost["both"][0].tolist()
+    assert dataset.attrs["status"] == "successful"
+
+
+@pytest.mark.parametrize("sampled", [True, False])
+def test_a_file_gives_the_motion_back(motion, sampled, tmp_path):
+    """Every number and every type, in the same structure."""
+    if not sampled:
+        motion = eqx.tree_at(lambda m: (m.ts, m.x), motion, (None, None))
+    motion.save(tmp_path / "motion.nc")
+    loaded = hs.load(tmp_path / "motion.nc")
+    known = eqx.tree_at(lambda m: m.again, motion, None)
+    assert jax.tree.structure(loaded) == jax.tree.structure(known)
+    found, wanted = (jax.tree.leaves_with_path(m) for m in (loaded, known))
+    for (path, leaf), (_, expected) in zip(found, wanted, strict=True):
+        np.testing.assert_array_equal(leaf, expected, err_msg=str(path))
+        assert leaf.dtype == expected.dtype, path
+    with pytest.raises(ValueError, match="must know the system"):
+        loaded.evaluate(1.0)
+
+
+def test_what_a_file_cannot_hold_is_named(motion, tmp_path):
+    """A mode of one's own type; and batches."""
+    queue = eqx.tree_at(lambda m: m.mode, motion, {"queue": hs.DelayQueue.empty(2)})
+    with pytest.raises(TypeError, match="`mode.queue` can be saved if .* DelayQueue. Save what `to_xarray"):
+        queue.save(tmp_path / "motion.nc")
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]) if eqx.is_array(leaf) else leaf, motion)
+    for way in (batch.to_xarray, batch.to_pandas, batch.events.to_pandas, lambda: batch.save("none.nc")):
+        with pytest.raises(ValueError, match="batch of"):
+            way()
+
+
+def test_a_motion_without_samples_has_no_table_of_them(motion):
+    """The message names what to pass."""
+    with pytest.raises(ValueError, match="pass `ts=` to `solve`"):
+        eqx.tree_at(lambda m: (m.ts, m.x), motion, (None, None)).to_pandas()
