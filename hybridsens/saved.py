@@ -39,7 +39,7 @@ def _trajectory(dataset) -> Trajectory:
     array = lambda name: jnp.asarray(dataset[name].values)
     samples = (array("time"), array("q"), array("v")) if "time" in dataset else (None, None, None)
     final = State(array("final_q"), array("final_v"))
-    cost, mode, event_mode = (_tree(dataset, name, name) for name in ("cost", "mode", "event_mode"))
+    cost, mode, event_mode = (_tree(dataset, name, name) for name in ("cost", "scene_mode", "event_mode"))
     events, status, steps = _events(dataset, event_mode), _status(dataset.attrs), _steps(dataset.attrs)
     return Trajectory(*samples, final, cost, events, array("closed"), mode, status, steps)
 

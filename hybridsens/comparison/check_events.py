@@ -140,7 +140,7 @@ def _compile(scene, settings) -> Compiled:
     def move(u, t0, t1):
         motion, held = piece(u, t0, t1, Replay(), divergence)
         x = jnp.concatenate([motion.final.q, motion.final.v])
-        return Piece(x, motion.cost, motion.events, held | jnp.any(motion.closed), motion.status)
+        return Piece(x, motion.cost, motion.events, held | jnp.any(motion.mode), motion.status)
 
     forward = lambda u, t0, t1: jax.jacfwd(lambda u: final(u, t0, t1, ForwardSensitivities()))(u)
     reverse = lambda w, u, t0, t1: jax.grad(lambda u: w @ final(u, t0, t1, Replay()))(u)

@@ -20,15 +20,15 @@ def motion_dataset(motion: Any, scene: Any):
     must_be_one(motion.events.count, "to_xarray()")
     xarray = optional("xarray", "to_xarray()")
     q_names, v_names = coordinate_names(scene, motion.final.q.shape[0])
-    contacts = contact_names(scene, motion.closed.shape[0])
+    contacts = contact_names(scene, motion.mode.shape[0])
     coords = {"coordinate": ("coordinate", q_names), "velocity": ("velocity", v_names), "contact": contacts}
     columns = {
         "final_q": ("coordinate", motion.final.q, {"long_name": "configuration at the end"}),
         "final_v": ("velocity", motion.final.v, {"long_name": "velocity at the end"}),
-        "closed": ("contact", motion.closed, {"long_name": "contacts held closed at the end"}),
+        "closed": ("contact", motion.mode, {"long_name": "contacts held closed at the end"}),
         **_events(motion.events),
         **variables("cost", motion.cost),
-        **variables("mode", motion.mode),
+        **variables("scene_mode", motion.scene_mode),
     }
     if motion.ts is not None:
         coords["time"] = ("time", np.asarray(motion.ts), {"units": "s"})

@@ -14,7 +14,7 @@ from diffrax import _integrate
 from jaxtyping import Array, Float
 
 
-def prevbefore(t: Float[Array, ""]) -> Float[Array, ""]:
+def prevbefore(t: Float[Array, "..."]) -> Float[Array, "..."]:
     """The number before t. Six tenths of eps |t| are between a half and a whole unit in its last place on either side
     of a power of two, so that what is left rounds to the next number down."""
     spacing = 0.6 * float(jnp.finfo(t.dtype).eps) * jnp.abs(t)

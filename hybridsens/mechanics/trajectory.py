@@ -81,9 +81,9 @@ class Trajectory(eqx.Module):
     cost: Any
     """Integral of the running cost, with its structure; None without one."""
     events: Events
-    closed: Bool[Array, "*batch contact"]
+    mode: Bool[Array, "*batch contact"]
     """Contacts held closed at the end."""
-    mode: Any
+    scene_mode: Any
     """Mode of a scene with switches at the end; None for others."""
     status: Status
     """`Status.successful`, or what went wrong."""
@@ -143,7 +143,7 @@ class Trajectory(eqx.Module):
 
         Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a cost or a mode that
         is made of more than dict, list, tuple and arrays."""
-        trees = dict(cost=self.cost, mode=self.mode, event_mode=self.events.mode)
+        trees = dict(cost=self.cost, scene_mode=self.scene_mode, event_mode=self.events.mode)
         with_structure(self.to_xarray(), **trees).to_netcdf(path, engine="netcdf4")
 
     def come_from(self, scene: Any, again: functools.partial) -> "Trajectory":
@@ -192,5 +192,5 @@ class Trajectory(eqx.Module):
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:
             yield f"cost: {self.cost}"
-        if self.mode is not None:
-            yield f"mode: {as_text(self.mode)}"
+        if self.scene_mode is not None:
+            yield f"mode: {as_text(self.scene_mode)}"

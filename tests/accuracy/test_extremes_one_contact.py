@@ -38,7 +38,7 @@ def test_accumulating_impacts_end_in_rest_with_the_value_and_gradient_of_the_lim
     """A ball comes to rest; cost and gradient are those of the infinite series of bounces."""
     value, (by_scene, by_q, _), trajectory = go(make(load=-GRAVITY, e=e), 1.0, 0.0, 12.0)
     expected = bouncing_slopes(1.0, GRAVITY, e)
-    assert trajectory.status == hs.Status.successful and bool(trajectory.closed[0])
+    assert trajectory.status == hs.Status.successful and bool(trajectory.mode[0])
     assert_close(value, bouncing_cost(1.0, GRAVITY, e), 1e-12)
     assert_close(np.stack([by_q, -by_scene.load[0], by_scene.e[0]]), np.stack(expected), 1e-11)
 
@@ -57,7 +57,7 @@ def test_units_do_not_matter(length, time):
 def test_a_far_floor_and_a_late_start_change_nothing(height, start):
     """A ball dropped by one metre comes to rest wherever the floor is and whatever the clock shows."""
     _, _, trajectory = go(make(load=-GRAVITY, offset=-height), height + 1.0, 0.0, start + 3.0, start)
-    assert trajectory.status == hs.Status.successful and bool(trajectory.closed[0])
+    assert trajectory.status == hs.Status.successful and bool(trajectory.mode[0])
     assert_close(trajectory.final.q, np.array([height]), 1e-15, scale=max(height, 1.0))
 
 
@@ -88,7 +88,7 @@ def test_an_impact_near_the_end_is_on_one_side_of_it(shift):
 def test_a_body_that_almost_rests_comes_to_rest(gap, speed):
     """Bounces of the size of rounding do not go on for ever."""
     _, _, trajectory = go(make(load=-GRAVITY, offset=-1.0), 1.0 + gap, speed, 1.0)
-    assert trajectory.status == hs.Status.successful and bool(trajectory.closed[0])
+    assert trajectory.status == hs.Status.successful and bool(trajectory.mode[0])
 
 
 @pytest.mark.filterwarnings("ignore:Tolerances below")
@@ -97,6 +97,6 @@ def test_single_precision_reaches_its_own_accuracy(e):
     """In float32 the ball misses no impact and rests; cost and gradient by e are right to 3e-6."""
     value, (by_scene, _, _), trajectory = go(make(load=-GRAVITY, e=e, dtype=jnp.float32), 1.0, 0.0, 12.0)
     assert value.dtype == jnp.float32
-    assert trajectory.status == hs.Status.successful and bool(trajectory.closed[0])
+    assert trajectory.status == hs.Status.successful and bool(trajectory.mode[0])
     assert_close(value, bouncing_cost(1.0, GRAVITY, e), 3e-6)
     assert_close(by_scene.e[0], bouncing_slopes(1.0, GRAVITY, e)[2], 3e-6)

@@ -99,7 +99,7 @@ def test_walls_that_close_on_a_body_end_in_a_status(e):
 def test_a_wall_that_sets_out_under_a_body_at_rest_takes_it_along_or_leaves(push, expected):
     """Gap and rate are 0 at the start; its acceleration alone tells whether the contact holds: q = push t^2 or 0."""
     motion = move([0, 0], [0, 0], 2.0, LEFT, pushes=[-push, 0])
-    assert motion.status == hs.Status.successful and bool(motion.closed[0]) == (push > 0)
+    assert motion.status == hs.Status.successful and bool(motion.mode[0]) == (push > 0)
     assert_close(motion.final.q[0], expected, 1e-12, scale=1.0)
 
 
@@ -116,7 +116,7 @@ def test_mass_has_no_scale(mass):
 def test_a_contact_written_twice_in_two_units_is_one_contact(scale):
     """The same gap in other units changes nothing: the ball comes to rest on both."""
     motion = move([1, 0], [0, 0], 3.0, LEFT, ([scale, 0], 0), load=[-10, 0], e=[0.5, 0.5])
-    assert motion.status == hs.Status.successful and bool(jnp.any(motion.closed))
+    assert motion.status == hs.Status.successful and bool(jnp.any(motion.mode))
     assert_close(motion.final.q[0], 0.0, 1e-12, scale=1.0)
 
 

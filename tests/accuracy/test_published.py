@@ -106,7 +106,7 @@ def test_plastic_impact():
     assert_close(seen.time[0], 0.4515236409857311, WITHIN)
     assert_close(seen.impulse[0, 0], 4.429446918070021, WITHIN)
     assert_close(seen.final, [0.0, 0.0], 1e-14, scale=1.0)
-    assert bool(trajectory.closed[0])
+    assert bool(trajectory.mode[0])
 
 
 class BallBetweenWalls(hs.AbstractScene):

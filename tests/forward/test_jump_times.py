@@ -159,7 +159,7 @@ def test_a_jump_that_lets_a_held_contact_go():
 
     slope = jax.value_and_grad(cost, argnums=(0, 1), has_aux=True)
     (value, motion), (by_tau, by_height) = slope(jnp.array(0.6), jnp.array(3.0))
-    assert motion.events.count == 0 and motion.events.contact[0] == -1 and not motion.closed[0]
+    assert motion.events.count == 0 and motion.events.contact[0] == -1 and not motion.mode[0]
     assert value == pytest.approx(1.5 * 1.4**2, rel=1e-9)
     assert by_tau == pytest.approx(-3 * 1.4, rel=1e-8) and by_height == pytest.approx(1.4**2 / 2, rel=1e-8)
 

@@ -23,7 +23,7 @@ PLATE = dict(force=(-9.81, 0.0, 0.0), mass=(1.0, 0.3, 0.4))
 
 
 def closed(trajectory):
-    return trajectory.closed.tolist()
+    return trajectory.mode.tolist()
 
 
 def raised(contacts, height):
@@ -151,7 +151,7 @@ def test_sustained_contact_does_not_drift():
     ts = jnp.linspace(0.0, 20 * period, 500)
     settings = dict(rtol=tolerance, atol=tolerance, max_steps=8192)
     trajectory = hs.simulate(Bowl(jnp.array(1.0)), hs.State(start, jnp.zeros(2)), t1=20 * period, ts=ts, **settings)
-    assert trajectory.events.count == 0 and bool(trajectory.closed[0])
+    assert trajectory.events.count == 0 and bool(trajectory.mode[0])
     gap = 1 - jnp.linalg.norm(trajectory.q, axis=1)
     rate = jnp.sum(trajectory.q * trajectory.v, axis=1)
     assert float(jnp.max(jnp.abs(gap))) < tolerance
@@ -162,7 +162,7 @@ def test_sustained_contact_does_not_drift():
 def test_rest_forgets_the_past_exactly():
     """After capture a ball is where the floor is: derivatives are exactly 1 by the floor and 0 by everything else."""
     _, jacobian, trajectory = motions.solve(BouncingBall(restitution_coefficient=0.7), 1e-10, 3.0)
-    assert bool(trajectory.closed[0])
+    assert bool(trajectory.mode[0])
     by_parameters = dict(zip(motions.names(BouncingBall), np.asarray(jacobian.final.parameters).T, strict=True))
     assert_close(by_parameters.pop("floor"), [1.0, 0.0], 1e-14)
     assert all(np.all(entry == 0) for entry in by_parameters.values()), by_parameters

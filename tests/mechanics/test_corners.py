@@ -114,7 +114,7 @@ def test_a_rounded_edge_is_followed():
     for _ in range(30):
         y = y - float(scene.gap(0.0, jnp.array([0.0, y]))[0])
     motion = run(scene, [0.0, y], [0.0, 0.0], 0.3, rtol=1e-10, atol=1e-10)
-    assert motion.status == hs.Status.successful and bool(motion.closed[0])
+    assert motion.status == hs.Status.successful and bool(motion.mode[0])
     assert_close(motion.final.v @ motion.final.v / 2, 9.81 * (y - float(motion.final.q[1])), 1e-8)
 
 

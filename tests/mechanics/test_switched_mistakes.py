@@ -90,7 +90,7 @@ def test_a_scene_without_switches_traces_nothing_of_them(monkeypatch):
         monkeypatch.setattr(import_module("hybridsens.simulate"), name, refuse)
     ball = BouncingBall()
     made = jax.eval_shape(lambda: hs.simulate(ball, ball.initial_state(), t1=1.0))
-    assert made.mode is None and made.events.mode is None
+    assert made.scene_mode is None and made.events.mode is None
 
 
 def test_a_scene_is_put_into_a_mode_within_all_that_is_around_it():

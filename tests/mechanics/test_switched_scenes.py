@@ -50,7 +50,7 @@ def moved(scene_class, method: str = "reverse"):
             max_events=32, **TIGHT,
         )  # fmt: skip
         out = jnp.concatenate([made.events.time[:REPORTED], made.final.q, made.final.v, made.cost[None]])
-        return out @ WEIGHTS, (out, made.events, made.mode)
+        return out @ WEIGHTS, (out, made.events, made.scene_mode)
 
     derive = (jax.jacfwd if method == "forward" else jax.grad)(numbers, has_aux=True)
     return jax.jit(derive)
@@ -128,7 +128,7 @@ def hopped():
     def value(scene, t1):
         start, mode = hs.State([0.0], [0.0]), {"thrust": False, "count": 0}
         made = hs.simulate(scene, start, mode, t1=t1, max_events=16, **TIGHT)
-        return made.final.q[0] + 0.3 * made.final.v[0], (made.final, made.events, made.mode, made.closed)
+        return made.final.q[0] + 0.3 * made.final.v[0], (made.final, made.events, made.scene_mode, made.mode)
 
     return eqx.filter_jit(lambda scene, t1: jax.grad(value, argnums=(0, 1), has_aux=True)(scene, t1))
 
@@ -172,7 +172,7 @@ def test_a_latch_waits_for_its_side_and_holds():
         return out @ WEIGHTS[:3], (out, made)
 
     slopes, (found, made) = eqx.filter_jit(jax.grad(numbers, has_aux=True))(jnp.asarray(vector))
-    assert int(made.events.count) == 2 and bool(made.mode)
+    assert int(made.events.count) == 2 and bool(made.scene_mode)
     assert_close(jnp.append(made.final.q, made.final.v), np.array([0.3, 0.0]), 1e-9)
     exact = lambda *at: mp.fsum(float(w) * n for w, n in zip(WEIGHTS[:3], latch_numbers(*at), strict=True))
     at = [mp.mpf(float(entry)) for entry in vector]
