@@ -41,7 +41,7 @@ def _trajectory(dataset) -> Trajectory:
     final = State(array("final_q"), array("final_v"))
     cost, mode, event_mode = (_tree(dataset, name, name) for name in ("cost", "scene_mode", "event_mode"))
     events, status, steps = _events(dataset, event_mode), _status(dataset.attrs), _steps(dataset.attrs)
-    return Trajectory(*samples, final, cost, events, array("closed"), mode, status, steps)
+    return Trajectory(*samples, final, cost, events, array("closed"), status, steps, mode)
 
 
 def _solution(dataset) -> Solution:
@@ -71,7 +71,7 @@ def _events(dataset, mode) -> Events:
     return Events(
         padded("event_time", np.inf), padded("event_kind", -1), padded("event_contact", -1), before, after,
         padded("impulse"), padded("closing_speed"), padded("order_matters", False),
-        jax.tree.map(lambda leaf: _padded(dataset, leaf), mode), jnp.asarray(dataset.sizes["event"]),
+        jnp.asarray(dataset.sizes["event"]), jax.tree.map(lambda leaf: _padded(dataset, leaf), mode),
     )  # fmt: skip
 
 

@@ -201,12 +201,12 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) ->
     impulse, closing_speed = reported.emitted
     order_matters = happened & reported.order_matters
     events = Events(
-        reported.time, kind, who, before, after, impulse, closing_speed, order_matters, modes, reported.count
+        reported.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes
     )
     samples = (None, None) if reported.samples is None else system.split(reported.samples)[:2]
     return Trajectory(
-        ts, *samples, State(q, v), _unravel(z, cost_shape), events, closed, mode, reported.status,
-        Steps(reported.accepted, reported.rejected),
+        ts, *samples, State(q, v), _unravel(z, cost_shape), events, closed, reported.status,
+        Steps(reported.accepted, reported.rejected), mode,
     )  # fmt: skip
 
 

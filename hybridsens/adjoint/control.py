@@ -79,7 +79,7 @@ class DerivativeControl(eqx.Module):
 
         Measured by all that is `gathered`, without cancellation: so neither the unit of a parameter matters nor its
         value, which may be 0. Entries of one array are resolved down to a part of its largest. A parameter that changes
-        J by no more than rounding, by its whole value or by 1, has no error."""
+        J by no more than rounding, by its whole value or by 1, has no error, nor has one whose error does."""
         worst = jnp.zeros_like(peak)
         for parameter, so_far, wrong in zip(*map(jax.tree.leaves, (parameters, gathered, error)), strict=True):
             worst = jnp.maximum(worst, self._of_leaf(parameter, so_far, wrong, peak).astype(worst.dtype))
@@ -90,7 +90,9 @@ class DerivativeControl(eqx.Module):
             return jnp.zeros_like(peak)
         most = jnp.max(gathered)
         ratio = _largest_ratio(jnp.abs(error), gathered + FLOOR * most)
-        return jnp.where(is_noise(most * jnp.maximum(jnp.max(jnp.abs(parameter)), 1), peak), 0, ratio)
+        # Near rest the effect itself may be small and its rounding is not: no shorter step would mend that.
+        least = jnp.minimum(most, jnp.max(jnp.abs(error)))
+        return jnp.where(is_noise(least * jnp.maximum(jnp.max(jnp.abs(parameter)), 1), peak), 0, ratio)
 
     def judge(self, ratio, h, width):
         """Whether a step is short enough, and the longest step that would be."""

@@ -16,7 +16,7 @@ class RecordedStep(NamedTuple):
     """
 
     parameters: Any
-    """theta: the floating point leaves of the system."""
+    """theta: those floating point leaves of the system that its flow depends on."""
     static: Any
     """The rest of the system."""
     mode: Any

@@ -47,10 +47,10 @@ class Events(eqx.Module):
     order_matters: Bool[Array, "*batch event"]
     """Whether contacts that act on each other were met at one instant, so that another order of their impacts has
     another outcome: derivatives of what follows are one-sided at best."""
-    mode: Any
-    """Modes of a scene with switches just after, of the mode's structure with a leading axis (event,); else None."""
     count: Int[Array, "*batch"]
     """How many events there were."""
+    mode: Any = None
+    """Modes of a scene with switches just after, of the mode's structure with a leading axis (event,); else None."""
 
     def to_pandas(self):
         """A pandas DataFrame with a row for each event that there was: time, kind, contact, closing speed, impulse of
@@ -83,11 +83,11 @@ class Trajectory(eqx.Module):
     events: Events
     mode: Bool[Array, "*batch contact"]
     """Contacts held closed at the end."""
-    scene_mode: Any
-    """Mode of a scene with switches at the end; None for others."""
     status: Status
     """`Status.successful`, or what went wrong."""
     steps: Steps
+    scene_mode: Any = None
+    """Mode of a scene with switches at the end; None for others."""
 
     def evaluate(self, ts: ArrayLike | Sequence) -> State:
         """States at other times between t0 and t1, a number or an array in any order, as exact as the motion itself.

@@ -89,7 +89,7 @@ def event_chain(
     (end, samples), rows = lax.scan(segment, (start, samples), length=max_events + 1)
     q, v, z = system.split(jnp.where(end.t >= t1, end.x, jnp.nan))
     q_samples, v_samples = (None, None) if samples is None else system.split(samples)[:2]
-    events = Events(**rows, mode=None, count=jnp.sum(rows["kind"] >= 0))
+    events = Events(**rows, count=jnp.sum(rows["kind"] >= 0))
     return BaselineMotion(State(q, v), structured(z), ts, q_samples, v_samples, events)
 
 
