@@ -41,7 +41,7 @@ def cost(scene):
 
 design = grid(ElasticStop(), {"amplitude": np.linspace(0.5, 1.5, POINTS), "frequency": np.linspace(1.0, 2.0, POINTS)})
 units = {"amplitude": "N", "frequency": "rad/s", "J": "m2 s"}
-dataset = sweep(cost, design, units=units, progress=not SMALL)
+dataset = sweep(cost, design, units=units, progress=False)
 dataset
 
 # %% [markdown]
@@ -81,7 +81,7 @@ class StickyStop(ElasticStop):
 
 stop = StickyStop(distance=0.1, restitution_coefficient=0.8, damping=0.02)
 sweep_design = grid(stop, {"frequency": np.linspace(2.2, 3.2, FREQUENCIES)})
-settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, units=units, progress=not SMALL)
+settled = sweep(once_a_period, sweep_design, gradient=False, states=True, events=0, units=units, progress=False)
 plot_bifurcation(settled, state="v")
 
 # %%
