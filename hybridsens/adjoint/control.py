@@ -29,6 +29,8 @@ REFINED = 0.05
 lower order, exaggerates the error of short steps and not that of long ones."""
 NOISE = 1e3
 """What is smaller than so many roundings of the largest that it was is rounding."""
+ROUNDED = 8
+"""An error of so many roundings is none."""
 FORESEEN = 0.01
 """What part of the first sweep's dJ/dtheta counts as gathered when the second one begins."""
 PART = 0.1
@@ -90,9 +92,10 @@ class DerivativeControl(eqx.Module):
             return jnp.zeros_like(peak)
         most = jnp.max(gathered)
         ratio = _largest_ratio(jnp.abs(error), gathered + FLOOR * most)
-        # Near rest the effect itself may be small and its rounding is not: no shorter step would mend that.
-        least = jnp.minimum(most, jnp.max(jnp.abs(error)))
-        return jnp.where(is_noise(least * jnp.maximum(jnp.max(jnp.abs(parameter)), 1), peak), 0, ratio)
+        reach = jnp.maximum(jnp.max(jnp.abs(parameter)), 1)
+        # Near rest an effect may be as small as the rounding of what it is made from: no shorter step would mend that.
+        rounded = is_noise(jnp.max(jnp.abs(error)) * reach, peak, ROUNDED)
+        return jnp.where(is_noise(most * reach, peak) | rounded, 0, ratio)
 
     def judge(self, ratio, h, width):
         """Whether a step is short enough, and the longest step that would be."""
@@ -122,9 +125,9 @@ def of_all_directions(ratio):
     return _largest_of_directions(lax.stop_gradient(ratio))
 
 
-def is_noise(size, peak):
+def is_noise(size, peak, roundings=NOISE):
     """Whether what a derivative was has been wiped out but for rounding."""
-    return size <= NOISE * jnp.finfo(peak.dtype).eps * peak
+    return size <= roundings * jnp.finfo(peak.dtype).eps * peak
 
 
 def control_order(solver: diffrax.AbstractSolver, term) -> float:
