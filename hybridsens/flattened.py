@@ -13,8 +13,7 @@ from .delays import overflowed
 from .flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .numerics.shapes import Shapes
-from .search.path import Path
-from .search.stretches import gap_kinds, search_gaps
+from .search.stretches import gap_kinds, search_guards
 from .status import Status
 from .system import AbstractHybridSystem
 from .system_checks import as_written
@@ -99,17 +98,8 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def search(self, step: StepEnds, mode: WatchedMode, tolerance, wanted) -> Searched:
         """Guards along the cubic through the ends of the step, and within what it may be off."""
-
-        def search():
-            flow0, flow1 = self.flow(step.t0, step.x0, mode), self.flow(step.t1, step.x1, mode)
-            path = Path.through(step.t0, step.t1, step.x0, flow0, step.x1, flow1)
-            speed = jnp.maximum(mode.watch.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
-            doubt = path.doubt(step.error, step.order) * path.h * speed
-            guards = lambda t, x: self.guards(t, x, mode)
-            return search_gaps(guards, path, step, tolerance + doubt, jnp.ones_like(mode.watch.armed), wanted)
-
-        none = jnp.full_like(step.t0, jnp.inf)
-        return lax.cond(wanted, search, lambda: Searched(none, jnp.ones_like(step.t0)))
+        flow, guards = (lambda t, x: self.flow(t, x, mode)), (lambda t, x: self.guards(t, x, mode))
+        return search_guards(guards, flow, step, mode.watch.speed, tolerance, wanted)
 
     def choose(self, event, t, x, mode: WatchedMode) -> Decision:
         """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""

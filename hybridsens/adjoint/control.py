@@ -81,7 +81,8 @@ class DerivativeControl(eqx.Module):
 
         Measured by all that is `gathered`, without cancellation: so neither the unit of a parameter matters nor its
         value, which may be 0. Entries of one array are resolved down to a part of its largest. A parameter that changes
-        J by no more than rounding, by its whole value or by 1, has no error, nor has one whose error does."""
+        J by no more than rounding, by its whole value or by 1, has no error, and an error of a few roundings
+        is none either."""
         worst = jnp.zeros_like(peak)
         for parameter, so_far, wrong in zip(*map(jax.tree.leaves, (parameters, gathered, error)), strict=True):
             worst = jnp.maximum(worst, self._of_leaf(parameter, so_far, wrong, peak).astype(worst.dtype))

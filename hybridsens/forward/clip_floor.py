@@ -1,8 +1,8 @@
-"""The time from which on Diffrax rounds a step's end to the end of the solve, in a tenth of its operations.
+"""The time from which on Diffrax rounds a step's end to the end of the solve, in a fifth of its operations.
 
 Diffrax takes `t1` less a hundred units in the last place, by a hundred calls of `prevbefore` at the start of every
-solve. Each is twenty operations on bits: together a third of what there is to compile in a short motion, and a
-microsecond of every segment. The same number is found by plain arithmetic.
+solve. Each is twenty operations on bits: together a quarter of what there is to compile in a short motion's gradient.
+The same number is found by plain arithmetic, four operations a call.
 """
 
 import contextlib

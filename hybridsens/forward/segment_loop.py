@@ -81,9 +81,8 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     done = lax.cond(passes, transition, lambda: nothing)
     after = jnp.where(passes, done.after, before)
     t_after = jnp.where(passes & timed, after_jump(t), t)
-    first_step_bound = jnp.maximum(
-        done.decision.first_step_bound, time_resolution(t, 0)
-    )  # a step of no length would never grow
+    # A step of no length would never grow.
+    first_step_bound = jnp.maximum(done.decision.first_step_bound, time_resolution(t, 0))
     first_step = jnp.where(passes, jnp.minimum(motion.first_step, first_step_bound), motion.first_step)
     # The row is written in either case and counts only if the event passed: a buffer that goes through a
     # conditional would be copied whole.

@@ -12,8 +12,7 @@ from jaxtyping import Array, Int
 
 from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
-from ..search.path import Path
-from ..search.stretches import gap_kinds, search_gaps
+from ..search.stretches import gap_kinds, search_guards
 from ..status import Status
 from ..watch import Seen, Watch
 from .mode import ContactMode, EventKind
@@ -124,16 +123,9 @@ class SwitchedSystem(AbstractFlatSystem):
         return Searched(*(jnp.min(jnp.stack(values)) for values in zip(*found, strict=True)))
 
     def _search_switches(self, step: StepEnds, mode: SwitchedMode, tolerance, wanted) -> Searched:
-        def search():
-            flow0, flow1 = self.flow(step.t0, step.x0, mode), self.flow(step.t1, step.x1, mode)
-            path = Path.through(step.t0, step.t1, step.x0, flow0, step.x1, flow1)
-            speed = jnp.maximum(mode.watch.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
-            doubt = path.doubt(step.error, step.order) * path.h * speed
-            switches = lambda t, x: mode.watch.signed(self._switches(t, x, mode.own))
-            return search_gaps(switches, path, step, tolerance + doubt, jnp.ones_like(mode.watch.armed), wanted)
-
-        nothing = lambda: Searched(jnp.full_like(step.t0, jnp.inf), jnp.ones_like(step.t0))
-        return lax.cond(wanted, search, nothing)
+        switches = lambda t, x: mode.watch.signed(self._switches(t, x, mode.own))
+        flow = lambda t, x: self.flow(t, x, mode)
+        return search_guards(switches, flow, step, mode.watch.speed, tolerance, wanted)
 
     def decide(self, event, t, x, mode: SwitchedMode) -> Decision:
         """The mode after, of the scene and of its contacts, and which switches can fall then."""

@@ -121,6 +121,21 @@ def search_gaps(gap: Gap, path: Path, step: StepEnds, tolerance, searched, wante
     return Searched(walk.crossing, walk.s)
 
 
+def search_guards(guards: Gap, flow: Gap, step: StepEnds, speed, tolerance, wanted) -> Searched:
+    """First fall below -tolerance, inside a step, of any function of (t, x): along the cubic through the ends of the
+    step, and within what that may be off. `speed` (guard,) is the largest rate of each that is known."""
+
+    def search():
+        path = Path.through(step.t0, step.t1, step.x0, flow(step.t0, step.x0), step.x1, flow(step.t1, step.x1))
+        fastest = jnp.maximum(speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
+        doubt = path.doubt(step.error, step.order) * path.h * fastest
+        everyone = jnp.ones(speed.shape, bool)
+        return search_gaps(guards, path, step, tolerance + doubt, everyone, wanted)
+
+    never = jnp.full_like(step.t0, jnp.inf)
+    return lax.cond(wanted, search, lambda: Searched(never, jnp.ones_like(step.t0)))
+
+
 def _looker(function: Gap, path: Path, step: StepEnds, trace, unknown: np.ndarray) -> Callable[[Walk], Stretch]:
     """The function that looks at the stretch that a walk has come to. The step's end is known already."""
 
