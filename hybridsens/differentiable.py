@@ -41,9 +41,9 @@ def _solve_fwd(perturbed, problem, options, adjoint):
 
 
 @_solve_in_reverse.def_bwd
-def _solve_bwd(motion, reported_bar, perturbed, problem, options, adjoint):
+def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
     way = BackwardOptions(adjoint, perturbed.t0, perturbed.t1)
-    return forward_only(_backward(problem, options, motion, reported_bar, way), FORWARD_OVER_REVERSE)
+    return forward_only(_backward(problem, options, motion, cotangent, way), FORWARD_OVER_REVERSE)
 
 
 def _forward(problem: Problem, options: Options) -> tuple[Reported, Packed]:
@@ -65,30 +65,30 @@ def _forward(problem: Problem, options: Options) -> tuple[Reported, Packed]:
 
 
 def _backward(
-    problem: Problem, options: Options, record: Packed, reported_bar: Reported, way: BackwardOptions
+    problem: Problem, options: Options, record: Packed, cotangent: Reported, way: BackwardOptions
 ) -> Problem:
     """Cotangents of the problem from those of the report (None where nothing depends on an entry)."""
     dynamic, static = eqx.partition((problem, options), eqx.is_array)
 
-    def back(dynamic, motion, bar):
+    def back(dynamic, motion, cotangent):
         problem, options = eqx.combine(dynamic, static)
-        return go_back(problem, options, motion, bar, way)
+        return go_back(problem, options, motion, cotangent.observed, way)
 
-    def element(dynamic, record, bar):
-        return back(dynamic, record.unpack()[0], bar), None
+    def element(dynamic, record, cotangent):
+        return back(dynamic, record.unpack()[0], cotangent), None
 
-    def unbatched(dynamic, record, bar):
-        return in_one_kernel(lambda *given: element(*given)[0])(dynamic, record, bar).unpack(), None
+    def unbatched(dynamic, record, cotangent):
+        return in_one_kernel(lambda *given: element(*given)[0])(dynamic, record, cotangent).unpack(), None
 
-    def element_of_batch(batched, dynamic, record, bar):
+    def element_of_batch(batched, dynamic, record, cotangent):
         problem_batched, record_batched, _ = batched
         again = lambda: go_forward(*eqx.combine(dynamic, static))[0]
         if problem_batched and not record_batched:
-            return back(dynamic, again(), bar), None
+            return back(dynamic, again(), cotangent), None
         if not problem_batched:
-            return element(dynamic, record, bar)
+            return element(dynamic, record, cotangent)
         # A `lax.cond` on the way gives a batch axis to records that were not kept too: they are zeros, so never begun.
         kept = record.unpack()[0]
-        return back(dynamic, jax.lax.cond(kept.begun, lambda: kept, again), bar), None
+        return back(dynamic, jax.lax.cond(kept.begun, lambda: kept, again), cotangent), None
 
-    return map_batch_on_cpu(element, unbatched, element_of_batch)(dynamic, record, reported_bar)[0]
+    return map_batch_on_cpu(element, unbatched, element_of_batch)(dynamic, record, cotangent)[0]

@@ -14,14 +14,16 @@ from .adjoint.control import DerivativeControl, control_order
 from .adjoint.forward_sensitivity import ForwardPass, push_forward
 from .adjoint.methods import AbstractGradientMethod
 from .adjoint.segment_steps import recomputed_steps, recorded_steps
-from .adjoint.steps_back import BackwardPass, Cotangents
+from .adjoint.step_parameters import in_steps
+from .adjoint.steps_back import BackwardPass
 from .flat_system import AbstractFlatSystem, Mode
 from .forward.method import Method
 from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
 from .forward.segment_loop import run_segments
 from .forward.solver import TERM, FlowSize, flow_size
-from .reported import Reported, event_rows
+from .observables import Observables, filled
+from .reported import in_rows_recorded
 from .status import Status
 
 
@@ -86,39 +88,42 @@ def _samples(problem: Problem, options: Options, motion: Motion):
 
 
 @eqx.filter_custom_jvp
-def go_back(problem: Problem, options: Options, motion: Motion, bar: Reported, way: BackwardOptions) -> Problem:
-    return _pull_back(problem, options, motion, bar, way)
+def go_back(
+    problem: Problem, options: Options, motion: Motion, cotangent: Observables, way: BackwardOptions
+) -> Problem:
+    """Cotangents of the problem from those of what is reported of its motion."""
+    return _pull_back(problem, options, motion, cotangent, way)
 
 
 @go_back.def_jvp
 def _go_back_jvp(primals, tangents):
     """Forward over reverse: as in `_go_jvp`."""
-    problem, options, motion, bar, way = primals
-    vary = lambda problem, bar: _pull_back(problem, options, _follow(problem, options, motion), bar, way)
-    d_gradient = eqx.filter_jvp(vary, (problem, bar), (tangents[0], tangents[3]))[1]
+    problem, options, motion, cotangent, way = primals
+    vary = lambda problem, given: _pull_back(problem, options, _follow(problem, options, motion), given, way)
+    d_gradient = eqx.filter_jvp(vary, (problem, cotangent), (tangents[0], tangents[3]))[1]
     return go_back(*primals), d_gradient
 
 
-def _pull_back(problem: Problem, options: Options, motion: Motion, bar: Reported, way: BackwardOptions) -> Problem:
-    parameters, static = eqx.partition(problem.system, eqx.is_inexact_array)
-    method = options.method
+def _pull_back(
+    problem: Problem, options: Options, motion: Motion, cotangent: Observables, way: BackwardOptions
+) -> Problem:
+    system, method = problem.system, options.method
     replay = method.replay_solver(_flow_size(problem, options))
-    final = jnp.zeros_like(motion.x) if bar.final is None else bar.final
-    by_events = event_rows(motion, method.max_events, (bar.time, bar.before, bar.after, bar.emitted))
-    time, before, after, emitted = by_events
-    cotangents = Cotangents(final, time, before, after, emitted, bar.samples)
-    ts = None if bar.samples is None else problem.ts
+    final = filled(motion.x, cotangent.final)
+    of_rows = Observables(final, cotangent.samples, in_rows_recorded(motion, method.max_events, cotangent.events))
+    ts = None if cotangent.samples is None else problem.ts
     controlled = method.derivative_rtol != math.inf
     control = _control(method, replay)
-    backward = BackwardPass(parameters, static, way.adjoint, replay, controlled, control, cotangents, ts)
+    inside = in_steps(system, options.mode, problem.t1, motion.x)
+    backward = BackwardPass(system, inside, way.adjoint, replay, controlled, control, of_rows, ts)
     start = (problem.t0, problem.x0)
     find_steps = recorded_steps
     if method.segment_steps is not None:
         stepper = method.stepper(_flow_size(problem, options))
         find_steps = partial(recomputed_steps, problem.system, stepper, start, problem.t1)
     gradient = pull_back(backward, find_steps, motion, start, problem.t1, (way.by_t0, way.by_t1))
-    ts_bar = None if ts is None else _by_sample_times(problem, replay, motion, bar.samples)
-    return Problem(gradient.parameters, gradient.x0, gradient.t0, gradient.t1, ts_bar)
+    ts_bar = None if ts is None else _by_sample_times(problem, replay, motion, cotangent.samples)
+    return Problem(gradient.system, gradient.x0, gradient.t0, gradient.t1, ts_bar)
 
 
 def _control(method: Method, solver) -> DerivativeControl:
@@ -132,10 +137,10 @@ def _control(method: Method, solver) -> DerivativeControl:
     return DerivativeControl(rtol, method.atol / method.rtol, control_order(solver, TERM), 4 * method.max_steps)
 
 
-def _by_sample_times(problem: Problem, solver, motion: Motion, samples_bar):
+def _by_sample_times(problem: Problem, solver, motion: Motion, cotangent):
     """Cotangents of the times asked for: a later sample lies further along the flow."""
     sample = lambda ts: sample_states(problem.system, solver, motion, ts)
-    return jax.vjp(sample, problem.ts)[1](samples_bar)[0]
+    return jax.vjp(sample, problem.ts)[1](cotangent)[0]
 
 
 def _run(problem: Problem, options: Options) -> Motion:
@@ -164,24 +169,16 @@ def _follow_jvp(primals, tangents):
             "Replay() or ForwardSensitivities()."
         )
     motion = _follow(problem, options, motion)  # where this is differentiated again, by the derivative around it
-    parameters, static = eqx.partition(problem.system, eqx.is_inexact_array)
-    d_inputs = tangents[0]
-    d_parameters = _filled(parameters, eqx.filter(d_inputs.system, eqx.is_inexact_array))
-    d_ends = tuple(_filled(p, d) for p, d in zip(problem[1:4], d_inputs[1:4], strict=True))
+    d_problem = tangents[0]
+    d_system = filled(eqx.filter(problem.system, eqx.is_inexact_array), d_problem.system)
+    d_ends = tuple(filled(p, d) for p, d in zip(problem[1:4], d_problem[1:4], strict=True))
     solver = options.method.replay_solver(_flow_size(problem, options))
-    forward = ForwardPass(parameters, static, d_parameters, solver, _control(options.method, solver))
+    forward = ForwardPass(problem.system, d_system, solver, _control(options.method, solver))
     motion, d = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
-    moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.time, m.events.before, m.events.after, m.events.emitted)
-    d_moved = (d.final, d.steps_t, d.steps_x, d.time, d.before, d.after, d.emitted)
-    return motion, eqx.tree_at(moved, nothing, d_moved)
+    moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.states)
+    return motion, eqx.tree_at(moved, nothing, (d.final, d.steps_t, d.steps_x, d.events))
 
 
 def _flow_size(problem: Problem, options: Options) -> FlowSize:
     return flow_size(problem.system, options.mode, problem.t0, problem.x0)
-
-
-def _filled(primal, tangent):
-    """Tangents with zeros where nothing moves."""
-    fill = lambda p, t: jnp.zeros_like(p) if t is None and p is not None else t
-    return jax.tree.map(fill, primal, tangent, is_leaf=lambda leaf: leaf is None)

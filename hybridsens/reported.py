@@ -1,6 +1,6 @@
 """What is reported of a motion: its record without jump times and silent events, cut to the room asked for."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -8,18 +8,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .flat_system import Mode
 from .forward.record import Motion, order_of_events
+from .observables import EventStates, Observables
 from .status import Status
 
 
 class Reported(NamedTuple):
     """Everything that is reported of a motion. Rows of events beyond `count` are padding."""
 
-    final: Float[Array, "state"]
-    samples: Float[Array, "sample state"] | None
-    time: Float[Array, "event"]
-    before: Float[Array, "event state"]
-    after: Float[Array, "event state"]
-    emitted: Any
+    observed: Observables
+    """What it can be differentiated by."""
     guard: Int[Array, "event"]
     kind: Int[Array, "event"]
     order_matters: Bool[Array, "event"]
@@ -33,9 +30,8 @@ class Reported(NamedTuple):
 
 
 def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: int) -> Reported:
-    events = motion.events
-    count = events.count - motion.unreported
-    if events.time.shape[0] - 1 == room:
+    events, count = motion.events.rows, motion.events.count - motion.unreported
+    if motion.events.steps.shape[0] - 1 == room:
         cut = lambda rows: jax.tree.map(lambda leaf: leaf[:room], rows)
     else:  # jump times and silent events have rows of their own
         order = order_of_events(motion)
@@ -43,18 +39,19 @@ def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: i
         blank = lambda leaf: jnp.where(rows(leaf), leaf[order], jnp.zeros((), leaf.dtype))
         cut = lambda rows: jax.tree.map(blank, rows)
     happened = jnp.arange(room) < count
-    time, guard = jnp.where(happened, cut(events.time), jnp.inf), jnp.where(happened, cut(events.guard), -1)
+    states = cut(events.states)
+    states = states._replace(time=jnp.where(happened, states.time, jnp.inf))
     return Reported(
-        motion.x, samples, time, cut(events.before), cut(events.after), cut(events.emitted),
-        guard, cut(events.decision.kind), cut(events.decision.order_matters), count,
-        cut(events.decision.mode), motion.mode, motion.status, motion.steps.count, motion.rejected,
+        Observables(motion.x, samples, states), jnp.where(happened, cut(events.guard), -1),
+        cut(events.decision.kind), cut(events.decision.order_matters), count, cut(events.decision.mode),
+        motion.mode, motion.status, motion.steps.count, motion.rejected,
     )  # fmt: skip
 
 
-def event_rows(motion: Motion, room: int, reported_bar):
+def in_rows_recorded(motion: Motion, room: int, cotangent: EventStates) -> EventStates:
     """Cotangents of the rows of the record from those of the events reported."""
-    rows = motion.events.time.shape[0]
+    rows = motion.events.steps.shape[0]
     if rows - 1 == room:
-        return reported_bar
+        return cotangent
     order = order_of_events(motion)
-    return jax.tree.map(lambda bar: jnp.zeros((rows, *bar.shape[1:]), bar.dtype).at[order].set(bar), reported_bar)
+    return jax.tree.map(lambda leaf: jnp.zeros((rows, *leaf.shape[1:]), leaf.dtype).at[order].set(leaf), cotangent)

@@ -190,22 +190,23 @@ def _jump_times(scene: AbstractScene, jump_ts, dtype):
 
 
 def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) -> Trajectory:
-    happened = jnp.arange(reported.time.shape[0]) < reported.count
+    final, samples, states = reported.observed
+    happened = jnp.arange(states.time.shape[0]) < reported.count
     who, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
     if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves
         who = jnp.where(happened & (reported.kind == EventKind.SWITCH), who - closed.shape[0], who)
         modes = reported.mode_after.own
-    q, v, z = system.split(reported.final)
-    before, after = (State(*system.split(x)[:2]) for x in (reported.before, reported.after))
+    q, v, z = system.split(final)
+    before, after = (State(*system.split(x)[:2]) for x in (states.before, states.after))
     kind = jnp.where(happened, reported.kind, -1)
-    impulse, closing_speed = reported.emitted
+    impulse, closing_speed = states.emitted
     order_matters = happened & reported.order_matters
     events = Events(
-        reported.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes
+        states.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes
     )
-    samples = (None, None) if reported.samples is None else system.split(reported.samples)[:2]
+    sampled = (None, None) if samples is None else system.split(samples)[:2]
     return Trajectory(
-        ts, *samples, State(q, v), _unravel(z, cost_shape), events, closed, reported.status,
+        ts, *sampled, State(q, v), _unravel(z, cost_shape), events, closed, reported.status,
         Steps(reported.accepted, reported.rejected), mode,
     )  # fmt: skip
 

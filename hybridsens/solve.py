@@ -150,12 +150,11 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, co
     start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
     options = Options(flat.watched(mode, start.dtype), horizon_status(t0, t1, ts, method), method)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)
-    x, z = flat.split(reported.final)
-    before, after = (flat.split(side)[0] for side in (reported.before, reported.after))
-    events = SolutionEvents(
-        reported.time, reported.guard, before, after, reported.mode_after.given, reported.count
-    )
-    samples = None if reported.samples is None else flat.split(reported.samples)[0]
+    final, samples, states = reported.observed
+    x, z = flat.split(final)
+    before, after = (flat.split(side)[0] for side in (states.before, states.after))
+    events = SolutionEvents(states.time, reported.guard, before, after, reported.mode_after.given, reported.count)
+    samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
     total = None if flat.running_cost is None else cost.restore(z)
     return Solution(ts, samples, x, total, events, reported.mode.given, reported.status, steps, None)

@@ -78,7 +78,7 @@ def test_thermostat(adjoint):
 
     def computed(p, adjoint):
         report = run(Thermostat(p[:5]), p[5:], False, 3.2, adjoint)
-        return jnp.concatenate([report.time[:3], report.final])
+        return jnp.concatenate([report.observed.events.time[:3], report.observed.final])
 
     def exact(p):
         a, outside, heat, low, high, x0 = p
@@ -101,7 +101,8 @@ def test_switched_oscillator(adjoint):
 
     def computed(p, adjoint):
         report = run(SwitchedOscillator(p[:3]), jnp.stack([p[3], 0 * p[3]]), False, 5.5, adjoint)
-        return jnp.concatenate([report.time[:2], report.emitted[:2], report.before[1], report.after[1], report.final])
+        final, _, events = report.observed
+        return jnp.concatenate([events.time[:2], events.emitted[:2], events.before[1], events.after[1], final])
 
     def exact(p):
         w1, w2, rho, x0 = p

@@ -7,7 +7,7 @@ import pytest
 from tests.layout import MODULES, PACKAGE, ROOT, drawing, imports, module_name, part_of
 
 TESTS = ROOT / "tests"
-METHOD = {"forward", "adjoint", "reported", "passes", "differentiable"}
+METHOD = {"observables", "forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
     "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch"
 }  # fmt: skip
@@ -24,10 +24,11 @@ MAY_IMPORT = {
     "interval": set(),
     "flat_system": {"status"},
     "search": {"flat_system", "interval", "numerics"},
-    "forward": {"flat_system", "numerics", "status"},
-    "adjoint": {"flat_system", "forward", "xla", "numerics"},
-    "reported": {"forward", "flat_system", "status"},
-    "passes": {"flat_system", "forward", "adjoint", "reported", "status"},
+    "observables": set(),
+    "forward": {"flat_system", "numerics", "observables", "status"},
+    "adjoint": {"flat_system", "forward", "xla", "numerics", "observables"},
+    "reported": {"forward", "flat_system", "observables", "status"},
+    "passes": {"flat_system", "forward", "adjoint", "observables", "reported", "status"},
     "differentiable": {"passes", "reported", "adjoint", "validation", "xla"},
     "export": {"status"},
     "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch"} | BASE,

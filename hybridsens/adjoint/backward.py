@@ -9,19 +9,19 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..forward.record import Motion, segment, segment_end
+from ..forward.record import EventRecord, Motion, segment, segment_end
+from ..observables import filled
 from ..xla.packed import pack
 from .control import FORESEEN
-from .jump import Jump, event_row, pull_jump_back
+from .jump import Jump, pull_jump_back
 from .segment_steps import Steps
-from .step_parameters import in_steps
 from .steps_back import BackwardPass, Costate, through_steps
 
 
 class Gradient(NamedTuple):
     """Derivatives of the cost by everything that a motion is made from."""
 
-    parameters: Any
+    system: Any
     x0: Float[Array, "state"]
     t0: Float[Array, ""]
     t1: Float[Array, ""]
@@ -31,55 +31,70 @@ def pull_back(
     backward: BackwardPass,
     find_steps: Callable[[Motion, Array], Steps],
     motion: Motion,
-    start,
+    initial,
     t1,
     moving_ends: tuple[bool, bool],
 ) -> Gradient:
     """Gradient of a cost.
 
-    Between events psi is carried back over the recorded steps, psi' = -f_x^T psi, at data times psi- = psi+ + c_x (T7);
-    (T8)-(T10) at the events. `find_steps` gives a segment's steps, `start` is (t0, x0); `moving_ends` says whether t0
-    and t1 are differentiated by.
+    Between events psi is carried back over the recorded steps, psi' = -f_x^T psi, at data times psi- = psi+ + c_x
+    (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `find_steps` gives a segment's steps,
+    `initial` is (t0, x0); `moving_ends` says whether t0 and t1 are differentiated by.
     """
-    system = eqx.combine(backward.parameters, backward.static)
-    events, bar = motion.events, backward.bar
-    along = _along(backward, in_steps(system, motion.mode, t1, motion.x))
-    t1_bar = bar.final @ system.flow(t1, motion.x, motion.mode) if moving_ends[1] else jnp.zeros_like(t1)
-    zero, no_jumps = (pack(jax.tree.map(jnp.zeros_like, of.parameters)) for of in (along, backward))
-    data = jnp.array(0) if backward.ts is None else jnp.sum(backward.ts <= motion.t)
-    none = jnp.zeros_like(t1)
-    start_of = lambda foreseen, strict, tries: Costate(
-        bar.final, none, zero, zero, zero, none, foreseen, strict, data, tries
-    )
+    system, events = backward.system, motion.events
+    by_t0, by_t1 = moving_ends
+    start = _costate_at_end(backward, motion)
 
     def one_segment(carry):
-        j, costate, jumps = carry
+        # Segment j lies between events j - 1 and j. `valid` is nan where a segment that was run again came back
+        # different.
+        j, costate, by_events = carry
         steps = find_steps(motion, j)
-        end = segment_end(motion, j)
-        costate = through_steps(along, steps, end, costate._replace(psi=steps.valid * costate.psi))
-        go = lambda: _through_event(backward, along, events, j - 1, costate, jumps)
-        return j - 1, *lax.cond(j > 0, go, lambda: (costate, jumps))
+        costate = costate._replace(psi=steps.valid * costate.psi)
+        costate = through_steps(backward, steps, segment_end(motion, j), costate)
+        go = lambda: _through_event(backward, events, j - 1, costate, by_events)
+        return j - 1, *lax.cond(j > 0, go, lambda: (costate, by_events))
 
     def sweep(carry):
         number, costate, _ = carry
         foreseen = jax.tree.map(lambda gathered: (FORESEEN * gathered).astype(gathered.dtype), costate.gathered)
-        start = (events.count, start_of(foreseen, number > 0, costate.tries), no_jumps)
-        return number + 1, *lax.while_loop(lambda carry: carry[0] >= 0, one_segment, start)[1:]
+        again = start._replace(foreseen=foreseen, strict=number > 0, tries=costate.tries)
+        swept = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, (events.count, again, no_gradient))
+        return number + 1, *swept[1:]
 
     def goes_on(carry):
-        # How large an error in dJ/dtheta may be is known when all of it is gathered. If it was too large, once more.
+        # The error allowed to a step is relative to dJ/dtheta, whose size is known after a sweep. If the error of some
+        # step was too large for it, a second sweep cuts that step.
         number, costate, _ = carry
         gathered, worst = costate.gathered.unpack(), costate.worst.unpack()
-        ratio = backward.control.of_gradient(along.parameters, gathered, worst, costate.peak)
-        unresolved = ratio > 1
+        unresolved = backward.control.of_gradient(backward.step_parameters, gathered, worst, costate.peak) > 1
         return (number == 0) | ((number == 1) & unresolved)
 
-    nothing = start_of(zero, jnp.array(False), jnp.array(0))
-    _, costate, jumps = lax.while_loop(goes_on, sweep, (jnp.array(0), nothing, no_jumps))
-    lost = jnp.where(costate.tries < backward.control.most_tries, 0, jnp.nan)  # a wrong gradient must not pass
-    spoilt = lambda tree: jax.tree.map(lambda leaf: leaf + lost.astype(leaf.dtype), tree)
-    total = _added(spoilt(jumps).unpack(), spoilt(costate.total).unpack())
-    return _through_start(backward, motion, start, Carried(total, spoilt(costate.psi)), t1_bar, moving_ends[0])
+    no_gradient = _zeros(eqx.filter(system, eqx.is_inexact_array))
+    _, costate, by_events = lax.while_loop(goes_on, sweep, (jnp.array(0), start, no_gradient))
+    # Out of tries the gradient is not finished: a wrong one must not pass.
+    nan_if_unfinished = jnp.where(costate.tries < backward.control.most_tries, 0, jnp.nan)
+    or_nan = lambda tree: jax.tree.map(lambda leaf: leaf + nan_if_unfinished.astype(leaf.dtype), tree)
+    carried = Carried(_added(or_nan(by_events).unpack(), or_nan(costate.total).unpack()), or_nan(costate.psi))
+    total, psi, of_t0 = _through_start(backward, motion, initial, carried, by_t0)
+    of_t1 = jnp.zeros_like(t1)
+    if by_t1:
+        of_t1 = backward.cotangent.final @ system.flow(t1, motion.x, motion.mode)
+    return Gradient(total, psi, of_t0, of_t1)
+
+
+def _zeros(tree: Any):
+    return pack(jax.tree.map(jnp.zeros_like, tree))
+
+
+def _costate_at_end(backward: BackwardPass, motion: Motion) -> Costate:
+    """psi = J_x of the final state; nothing gathered yet."""
+    data = jnp.array(0) if backward.ts is None else jnp.sum(backward.ts <= motion.t)
+    zero, zero_time = _zeros(backward.step_parameters), jnp.zeros_like(motion.t)
+    return Costate(
+        psi=backward.cotangent.final, by_dt=zero_time, total=zero, gathered=zero, worst=zero, peak=zero_time,
+        foreseen=zero, strict=jnp.array(False), data=data, tries=jnp.array(0),
+    )  # fmt: skip
 
 
 class Carried(NamedTuple):
@@ -90,46 +105,35 @@ class Carried(NamedTuple):
     psi: Float[Array, "state"]
 
 
-def _along(backward: BackwardPass, inside: Any) -> BackwardPass:
-    """The pass over steps, whose parameters are those `inside` of steps: the others add nothing there, and would cost
-    arithmetic in each of them."""
-    parameters, others = eqx.partition(backward.parameters, inside)
-    return backward._replace(parameters=parameters, static=eqx.combine(others, backward.static))
-
-
-def _added(jumps: Any, steps: Any) -> Any:
-    """What jumps and steps add to dJ/dtheta; a parameter that is in no step is None there."""
+def _added(by_events: Any, by_steps: Any) -> Any:
+    """What events and steps add to dJ/dtheta; a parameter that is in no step is None there."""
     return jax.tree.map(
-        lambda of_steps, of_jumps: of_jumps if of_steps is None else of_jumps + of_steps,
-        steps, jumps, is_leaf=lambda leaf: leaf is None,
+        lambda of_steps, of_events: of_events if of_steps is None else of_events + of_steps,
+        by_steps, by_events, is_leaf=lambda leaf: leaf is None,
     )  # fmt: skip
 
 
-def _through_start(backward: BackwardPass, motion: Motion, start, carried: Carried, t1_bar, by_t0: bool) -> Gradient:
-    """Adjoint of the beginning, which puts (t0, x0) on the constraints of the mode chosen there."""
-    (t0, x0), (mode, _, _) = start, segment(motion, 0)
-    system = eqx.combine(backward.parameters, backward.static)
-    total, psi, t0_bar = *carried, jnp.zeros_like(t0)
+def _through_start(backward: BackwardPass, motion: Motion, initial, carried: Carried, by_t0: bool):
+    """Adjoint of the beginning, which puts (t0, x0) on the constraints of the mode chosen there: derivatives by the
+    system, by x0 and by t0."""
+    (t0, x0), (mode, _, _), system = initial, segment(motion, 0), backward.system
+    total, psi, of_t0 = *carried, jnp.zeros_like(t0)
     if by_t0:
-        t0_bar = -psi @ system.flow(t0, motion.steps.x[0], mode)
+        of_t0 = -psi @ system.flow(t0, motion.steps.x[0], mode)
     if system.projects(mode):
-        begin = lambda p, t, x: eqx.combine(p, backward.static).project(t, x, mode)
-        by_projection, by_t, psi = jax.vjp(begin, backward.parameters, t0, x0)[1](psi)
-        total, t0_bar = jax.tree.map(jnp.add, total, by_projection), t0_bar + by_t
-    return Gradient(total, psi, t0_bar, t1_bar)
+        begin = lambda system, t, x: system.project(t, x, mode)
+        by_projection, by_t, psi = eqx.filter_vjp(begin, system, t0, x0)[1](psi)
+        total, of_t0 = jax.tree.map(jnp.add, total, by_projection), of_t0 + by_t
+    return total, psi, of_t0
 
 
-def _through_event(backward: BackwardPass, along: BackwardPass, events, j, costate: Costate, jumps):
+def _through_event(backward: BackwardPass, events: EventRecord, j, costate: Costate, by_events):
     """Adjoint jump at event j: psi- = S^T psi+, with what is reported of the event (T8)-(T10)."""
-    event, bar = event_row(events, j), backward.bar
-    entry = lambda given, rows: jnp.zeros_like(rows[0]) if given is None else given[j]
-    reported = (bar.time, bar.before, bar.after, bar.emitted)
-    recorded = (events.time, events.before, events.after, events.emitted)
-    time, before, after, emitted = jax.tree.map(entry, reported, recorded, is_leaf=lambda leaf: leaf is None)
-    cotangent = Jump(costate.psi, time, before, after, emitted)
-    total, psi, by_dt = pull_jump_back(backward.parameters, backward.static, event, cotangent, costate.by_dt)
-    of_steps = pack(jax.tree.map(lambda inside, new: None if inside is None else new, along.parameters, total,
-                                 is_leaf=lambda leaf: leaf is None))  # fmt: skip
-    gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, of_steps)
-    jumps = jax.tree.map(jnp.add, jumps, pack(total))
-    return costate._replace(psi=psi, by_dt=by_dt, gathered=gathered), jumps
+    event = events.event(j)
+    reported = filled(event.states, jax.tree.map(lambda rows: rows[j], backward.cotangent.events))
+    total, psi, by_dt = pull_jump_back(backward.system, event, Jump(costate.psi, reported), costate.by_dt)
+    # The error of a step is measured against what events add to the same parameters too.
+    shared = pack(eqx.filter(total, backward.in_steps))
+    gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, shared)
+    by_events = jax.tree.map(jnp.add, by_events, pack(total))
+    return costate._replace(psi=psi, by_dt=by_dt, gathered=gathered), by_events

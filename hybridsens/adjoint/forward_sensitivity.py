@@ -1,4 +1,4 @@
-"""Forward sensitivities: variations of everything recorded, by the recorded steps and the saltation matrices (T6).
+"""Forward sensitivities: tangents of everything recorded, by the recorded steps and the saltation matrices (T6).
 
 They are the derivative rule of the segment loop in forward mode, so `jax.jvp`, `jax.jacfwd` and forward-over-reverse
 second derivatives all pass through here.
@@ -13,23 +13,22 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from ..flat_system import AbstractFlatSystem
 from ..forward.explicit import by_mode
 from ..forward.record import Motion, StepRecord, after_jump, is_jump, segment, segment_end, write
 from ..forward.solver import step_with_error
 from ..forward.tangent import push
 from ..numerics.tolerances import time_resolution
+from ..observables import EventStates
 from .control import DerivativeControl, of_all_directions
-from .jump import event_row, push_jump_forward
+from .jump import push_jump_forward
 
 
-class Variation(NamedTuple):
-    """Variations of what a motion records, each at its own moving time."""
+class MotionTangent(NamedTuple):
+    """Tangents of what a motion records, each at its own moving time."""
 
     final: Float[Array, "state"]
-    time: Float[Array, "event"]
-    before: Float[Array, "event state"]
-    after: Float[Array, "event state"]
-    emitted: Any
+    events: EventStates
     steps_t: Float[Array, "step"]
     steps_x: Float[Array, "step state"]
 
@@ -37,9 +36,9 @@ class Variation(NamedTuple):
 class ForwardPass(NamedTuple):
     """What the push-forward is made from; constant while it runs."""
 
-    parameters: Any
-    static: Any
-    d_parameters: Any
+    system: AbstractFlatSystem
+    d_system: Any
+    """Its tangent: a number for every parameter."""
     solver: diffrax.AbstractSolver
     control: DerivativeControl
 
@@ -57,56 +56,55 @@ class Place(NamedTuple):
     steps: StepRecord
     """The steps taken so far: the recorded ones, and those that they were cut into."""
     steps_x: Float[Array, "step state"]
-    """Variations of their states."""
+    """Tangents of their states."""
     peak: Float[Array, ""]
     """The largest size that dx had."""
     tries: Int[Array, ""]
 
 
-def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> tuple[Motion, Variation]:
-    """Variation of a motion under `tangents` of (x0, t0, t1), and the motion with all steps that this has taken.
+def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> tuple[Motion, MotionTangent]:
+    """Tangent of a motion under `tangents` of (x0, t0, t1), and the motion with all steps that this has taken.
 
     Inside a segment the grid stands still; its ends move with the events (T5).
     """
     dx0, dt0, dt1 = tangents
-    system = eqx.combine(forward.parameters, forward.static)
+    system, d_system = forward.system, forward.d_system
     t0, x0 = start
     events, steps = motion.events, motion.steps
     mode, _, _ = segment(motion, 0)
-    begin = lambda p, t, x: eqx.combine(p, forward.static).project(t, x, mode)
-    x0, dx0 = jax.jvp(begin, (forward.parameters, t0, x0), (forward.d_parameters, dt0, dx0))
+    begin = lambda system, t, x: system.project(t, x, mode)
+    x0, dx0 = eqx.filter_jvp(begin, (system, t0, x0), (d_system, dt0, dx0))
     dx = dx0 - system.flow(t0, x0, mode) * dt0
     zeros = lambda tree: jax.tree.map(jnp.zeros_like, tree)
-    variation = Variation(
-        zeros(motion.x), zeros(events.time), zeros(events.before), zeros(events.after), zeros(events.emitted),
-        zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0),
-    )  # fmt: skip
+    tangent = MotionTangent(
+        zeros(motion.x), zeros(events.states), zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0)
+    )
     taken = StepRecord(jnp.full_like(steps.t, jnp.inf).at[0].set(steps.t[0]), zeros(steps.x).at[0].set(steps.x[0]),
                        jnp.array(0))  # fmt: skip
 
     def one_segment(carry):
-        j, dx, dt, taken, ends, variation, peak, tries = carry
-        at = Place(jnp.array(0), t0, motion.x, dx, t0, taken, variation.steps_x, peak, tries)
+        j, dx, dt, taken, ends, tangent, peak, tries = carry
+        at = Place(jnp.array(0), t0, motion.x, dx, t0, taken, tangent.steps_x, peak, tries)
         _, _, _, dx, _, taken, steps_x, peak, tries = _through_steps(forward, motion, j, at)
-        variation = variation._replace(steps_x=steps_x)
-        dx, dt, taken, variation = _through_event(forward, motion, j, (dx, dt), taken, variation)
+        tangent = tangent._replace(steps_x=steps_x)
+        dx, dt, taken, tangent = _through_event(forward, motion, j, (dx, dt), taken, tangent)
         ends = write(ends, jnp.where(j < events.count, taken.count, 0), jnp.minimum(j, ends.shape[0] - 1))
-        return j + 1, dx, dt, taken, ends, variation, peak, tries
+        return j + 1, dx, dt, taken, ends, tangent, peak, tries
 
-    peak = forward.control.of_direction(forward.parameters, forward.d_parameters, x0, dx0).astype(t0.dtype)
-    carry = (jnp.array(0), dx, dt0, taken, zeros(events.steps), variation, peak, jnp.array(0))
+    peak = forward.control.of_direction(eqx.filter(system, eqx.is_inexact_array), d_system, x0, dx0).astype(t0.dtype)
+    carry = (jnp.array(0), dx, dt0, taken, zeros(events.steps), tangent, peak, jnp.array(0))
     carry = lax.while_loop(lambda carry: carry[0] <= events.count, one_segment, carry)
-    _, dx, _, taken, ends, variation, _, tries = carry
+    _, dx, _, taken, ends, tangent, _, tries = carry
     room = steps.t.shape[0] - 2
     resolved = (tries < forward.control.most_tries) & (taken.count <= room)
     dx = jnp.where(resolved, dx, jnp.nan)
     final = dx + system.flow(t1, motion.x, motion.mode) * dt1
     last = taken.count
-    variation = variation._replace(
-        final=final, steps_t=write(variation.steps_t, dt1, last), steps_x=write(variation.steps_x, final, last)
+    tangent = tangent._replace(
+        final=final, steps_t=write(tangent.steps_t, dt1, last), steps_x=write(tangent.steps_x, final, last)
     )
     motion = eqx.tree_at(lambda m: (m.steps, m.events.steps), motion, (taken, ends))
-    return motion, variation
+    return motion, tangent
 
 
 def _through_steps(forward: ForwardPass, motion: Motion, j, at: Place) -> Place:
@@ -142,35 +140,34 @@ def _push_step(forward: ForwardPass, mode, place: Place, t1):
     """A step and its estimated error, and the tangents of both."""
 
     def vary(solver, pick):
-        def step(p, x0):
-            system = pick(eqx.combine(p, forward.static))
+        def step(system, x0):
+            system = pick(system)
             x1, error = step_with_error(solver, system, mode, place.t, t1, x0)
             on_constraints = system.project(t1, x1, mode)
             if system.projects(mode):  # what the projection takes away is no error
                 error = on_constraints - system.project(t1, x1 - error, mode)
             return on_constraints, error
 
-        return push(step, place.tries >= 0, (forward.parameters, place.x), (forward.d_parameters, place.dx))
+        return push(step, place.tries >= 0, (forward.system, place.x), (forward.d_system, place.dx))
 
-    return by_mode(forward.solver, eqx.combine(forward.parameters, forward.static), mode, vary)
+    return by_mode(forward.solver, forward.system, mode, vary)
 
 
-def _through_event(forward: ForwardPass, motion: Motion, j, moves, taken: StepRecord, variation: Variation):
-    """Saltation at event j: dx+ = S dx- + ..., with the variations of its time and of both of its states.
+def _through_event(forward: ForwardPass, motion: Motion, j, moves, taken: StepRecord, tangent: MotionTangent):
+    """Saltation at event j: dx+ = S dx- + ..., with the tangents of its time and of both of its states.
 
     After the last segment there is no event: what is computed then is not kept."""
     dx, dt = moves
     is_event = j < motion.events.count
-    place = jnp.minimum(j, motion.events.time.shape[0] - 1)
-    event = event_row(motion.events, place)
-    d = push_jump_forward(forward.parameters, forward.static, event, forward.d_parameters, dx, dt, is_event)
+    place = jnp.minimum(j, motion.events.steps.shape[0] - 1)
+    event = motion.events.event(place)
+    d = push_jump_forward(forward.system, event, forward.d_system, dx, dt, is_event)
     put = lambda buffer, entry: write(buffer, jnp.where(is_event, entry, 0), place)
     last = taken.count
-    t = jnp.where(is_event & is_jump(event.guard), after_jump(event.time), taken.t[last])
-    taken = taken.jump(t, jnp.where(is_event, event.after, taken.x[last]))
-    variation = Variation(
-        variation.final, put(variation.time, d.time), put(variation.before, d.before), put(variation.after, d.after),
-        jax.tree.map(put, variation.emitted, d.emitted),
-        write(variation.steps_t, d.time, last), write(variation.steps_x, d.after, last),
+    t = jnp.where(is_event & is_jump(event.guard), after_jump(event.states.time), taken.t[last])
+    taken = taken.jump(t, jnp.where(is_event, event.states.after, taken.x[last]))
+    tangent = MotionTangent(
+        tangent.final, jax.tree.map(put, tangent.events, d.reported),
+        write(tangent.steps_t, d.reported.time, last), write(tangent.steps_x, d.reported.after, last),
     )  # fmt: skip
-    return jnp.where(is_event, d.state, dx), d.time, taken, variation
+    return jnp.where(is_event, d.state, dx), d.reported.time, taken, tangent

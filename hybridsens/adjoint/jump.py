@@ -1,6 +1,6 @@
-"""Variations across one event: what (T5)-(T10) say, without their algebra.
+"""Tangents and cotangents across one event: what (T5)-(T10) say, without their algebra.
 
-Seen from a fixed time t_k, a varied motion reaches the guard at t_k + dt. So the map from the state before to the
+Seen from a fixed time t_k, a neighbouring motion reaches the guard at t_k + dt. So the map from the state before to the
 state after, both at t_k, is: move on by dt with the flow before, reset, move back by dt with the flow after. Its JVP
 is the saltation matrix, its VJP the adjoint jump condition, and what is reported of the event gets its derivative from
 the same lines.
@@ -14,19 +14,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..flat_system import AbstractFlatSystem, Decision, Mode
-from ..forward.record import after_jump, before_jump, is_jump, jump_number
-
-
-class RecordedEvent(NamedTuple):
-    """One row of the event record: constants of the jump."""
-
-    time: Float[Array, ""]
-    guard: Array
-    before: Float[Array, "state"]
-    after: Float[Array, "state"]
-    decision: Decision
-    mode: Mode
+from ..flat_system import AbstractFlatSystem
+from ..forward.record import Event, after_jump, before_jump, is_jump, jump_number
+from ..observables import EventStates, filled
 
 
 class Flows(NamedTuple):
@@ -41,49 +31,50 @@ class Jump(NamedTuple):
 
     state: Float[Array, "state"]
     """State after, as seen from the fixed time of the recorded event."""
-    time: Float[Array, ""]
-    before: Float[Array, "state"]
-    after: Float[Array, "state"]
-    emitted: Any
+    reported: EventStates
 
 
-def flows_at(system: AbstractFlatSystem, event: RecordedEvent) -> Flows:
+def flows_at(system: AbstractFlatSystem, event: Event) -> Flows:
     """Flows on both sides, held constant while the jump is differentiated."""
-    t, timed = event.time, is_jump(event.guard)
-    before = (jnp.where(timed, before_jump(t), t), event.before, event.mode)
-    after = (jnp.where(timed, after_jump(t), t), event.after, event.decision.mode)
+    t, timed = event.states.time, is_jump(event.guard)
+    before = (jnp.where(timed, before_jump(t), t), event.states.before, event.mode)
+    after = (jnp.where(timed, after_jump(t), t), event.states.after, event.decision.mode)
     sides = jax.tree.map(lambda *side: jnp.stack(side), before, after)
     return Flows(*lax.map(lambda side: system.flow(*side), sides))  # one copy of the flow to compile
 
 
-def jump(system: AbstractFlatSystem, event: RecordedEvent, flows: Flows, before: Float[Array, "state"], dt) -> Jump:
+def jump(system: AbstractFlatSystem, event: Event, flows: Flows, before: Float[Array, "state"], dt) -> Jump:
     """From the state before to the state after an event that comes by dt later than recorded:
 
     x+ = R(t + dt, x- + f- dt) - f+ dt  (T6). Differentiate with respect to `system`, `before` and dt, which is 0.
     """
-    t = event.time + dt
+    t = event.states.time + dt
     at_guard = before + flows.before * dt
     after, emitted = system.reset(event.decision, t, at_guard)
     if system.jump_times() is not None:
         after = jnp.where(is_jump(event.guard), at_guard, after)
-    return Jump(after - flows.after * dt, t, at_guard, after, emitted)
+    return Jump(after - flows.after * dt, EventStates(t, at_guard, after, emitted))
 
 
-def push_jump_forward(parameters, static, event: RecordedEvent, d_parameters, dx, dt_before, is_event=True) -> Jump:
-    """Variation of the jump: dt = -(h_x dx + h_theta dtheta) / h' (T5), and with it dx+ = S dx + ... (T6).
+def push_jump_forward(system: AbstractFlatSystem, event: Event, d_system, dx, dt_before, is_event=True) -> Jump:
+    """Tangent of the jump: dt = -(h_x dx + h_theta dtheta) / h' (T5), and with it dx+ = S dx + ... (T6).
 
     An event that comes at once moves as the one before, by dt_before. Where there is no event, h' may be 0: what is
     returned then is finite and means nothing."""
-    flows = flows_at(eqx.combine(parameters, static), event)
-    guard = _fallen_guard(static, event)
-    _, of_guard = jax.linearize(guard, parameters, event.time, event.before)
-    still = jax.tree.map(jnp.zeros_like, (parameters, event.time))
-    rate = of_guard(still[0], jnp.ones_like(event.time), flows.before)
+    t, x, flows = event.states.time, event.states.before, flows_at(system, event)
+    guard = lambda system, t, x: fallen_guard(system, event, t, x)
+    rate = _tangent(lambda t, x: guard(system, t, x), (t, x), (jnp.ones_like(t), flows.before))
+    change = _tangent(guard, (system, t, x), (d_system, None, dx))
     falls = is_event & _falls_by_itself(event)
-    dt = -of_guard(d_parameters, still[1], dx) / jnp.where(falls, rate, 1)
+    dt = -change / jnp.where(falls, rate, 1)
     dt = jnp.where(event.decision.at_once, dt_before, dt)
-    go = lambda p, before, dt: jump(eqx.combine(p, static), event, flows, before, dt)
-    return jax.jvp(go, (parameters, event.before, still[1]), (d_parameters, dx, dt))[1]
+    go = lambda system, x, dt: jump(system, event, flows, x, dt)
+    return _tangent(go, (system, x, jnp.zeros_like(t)), (d_system, dx, dt))
+
+
+def _tangent(function, primals, tangents):
+    """That of what a function returns, with zeros for what does not move."""
+    return filled(*eqx.filter_jvp(function, primals, tangents))
 
 
 class PulledJump(NamedTuple):
@@ -97,51 +88,40 @@ class PulledJump(NamedTuple):
 
 
 def pull_jump_back(
-    parameters, static, event: RecordedEvent, bar: Jump, by_dt_after: Float[Array, ""] | float = 0.0
+    system: AbstractFlatSystem, event: Event, cotangent: Jump, by_dt_after: Float[Array, ""] | float = 0.0
 ) -> PulledJump:
     """What the event adds to dJ/dtheta, and psi- = S^T psi+ (T8)-(T9), with what is reported of the event (T10).
 
     `by_dt_after` is what events that came at once after it hand on."""
-    flows = flows_at(eqx.combine(parameters, static), event)
-    guard, of_guard = jax.vjp(_fallen_guard(static, event), parameters, event.time, event.before)
-    h_parameters, h_t, h_x = of_guard(jnp.ones_like(guard))
-    go = lambda p, before, dt: jump(eqx.combine(p, static), event, flows, before, dt)
-    _, of_jump = jax.vjp(go, parameters, event.before, jnp.zeros_like(event.time))
-    by_parameters, psi, by_dt = of_jump(bar)
+    t, x, flows = event.states.time, event.states.before, flows_at(system, event)
+    h, of_guard = eqx.filter_vjp(lambda system, t, x: fallen_guard(system, event, t, x), system, t, x)
+    h_theta, h_t, h_x = of_guard(jnp.ones_like(h))
+    go = lambda system, x, dt: jump(system, event, flows, x, dt)
+    by_theta, psi, by_dt = eqx.filter_vjp(go, system, x, jnp.zeros_like(t))[1](cotangent)
     by_dt = by_dt + by_dt_after
     falls = _falls_by_itself(event)
     rate = jnp.where(falls, h_t + h_x @ flows.before, 1)
     mu = jnp.where(falls, -by_dt / rate, 0)
-    total = jax.tree.map(lambda p, h: p + mu * h, by_parameters, h_parameters)
+    total = jax.tree.map(lambda of_jump, of_guard: of_jump + mu * of_guard, by_theta, h_theta)
     return PulledJump(total, psi + mu * h_x, jnp.where(event.decision.at_once, by_dt, 0))
 
 
-def _falls_by_itself(event: RecordedEvent):
+def _falls_by_itself(event: Event):
     """Whether the time of an event is that at which its guard falls, which another motion reaches earlier or later."""
     return jnp.logical_not(event.decision.silent) & jnp.logical_not(event.decision.at_once)
 
 
-def _fallen_guard(static, event: RecordedEvent):
+def fallen_guard(system: AbstractFlatSystem, event: Event, t, x) -> Float[Array, ""]:
     """The guard that fell through zero, h(theta, t, x), in the mode before; t_j(theta, x) - t at a known time t_j.
 
     Picked by a sum: a system without guards traces through here too, and an index would have no bounds."""
-
-    def guard(parameters, t, x):
-        system = eqx.combine(parameters, static)
-        guards = system.guards(t, x, event.mode)
-        fallen = jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == event.guard, guards, 0))
-        jumps, scheduled = system.jump_times(), system.scheduled_times(x, event.mode)
-        if jumps is not None:
-            numbers = jump_number(jnp.arange(jumps.shape[0]))
-            fallen += jnp.sum(jnp.where(numbers == event.guard, jumps - t, 0)).astype(fallen.dtype)
-        if scheduled is not None:
-            numbers = guards.shape[0] + jnp.arange(scheduled.shape[0])
-            fallen += jnp.sum(jnp.where(numbers == event.guard, scheduled - t, 0)).astype(fallen.dtype)
-        return fallen
-
-    return guard
-
-
-def event_row(record, place) -> RecordedEvent:
-    """One event of an EventRecord."""
-    return RecordedEvent(*(jax.tree.map(lambda leaf: leaf[place], getattr(record, f)) for f in RecordedEvent._fields))
+    guards = system.guards(t, x, event.mode)
+    fallen = jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == event.guard, guards, 0))
+    jumps, scheduled = system.jump_times(), system.scheduled_times(x, event.mode)
+    if jumps is not None:
+        numbers = jump_number(jnp.arange(jumps.shape[0]))
+        fallen += jnp.sum(jnp.where(numbers == event.guard, jumps - t, 0)).astype(fallen.dtype)
+    if scheduled is not None:
+        numbers = guards.shape[0] + jnp.arange(scheduled.shape[0])
+        fallen += jnp.sum(jnp.where(numbers == event.guard, scheduled - t, 0)).astype(fallen.dtype)
+    return fallen

@@ -41,7 +41,7 @@ def recomputed_steps(
     mode, first, last = segment(motion, j)
     events, previous = motion.events, jnp.maximum(j - 1, 0)
     t = segment_start(motion, j, start[0])
-    x = jnp.where(j > 0, events.after[previous], start[1])
+    x = jnp.where(j > 0, events.states.after[previous], start[1])
     first_step = jnp.where(j > 0, events.first_step[previous], 0)
     again = dataclasses.replace(
         motion, t=t, x=x, mode=mode, steps=empty_steps(t, x, stepper.segment_steps), first_step=first_step,

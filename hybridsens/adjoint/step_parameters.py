@@ -10,7 +10,7 @@ from ..flat_system import AbstractFlatSystem, Mode
 
 
 def in_steps(system: AbstractFlatSystem, mode: Mode, t, x) -> Any:
-    """For each floating point leaf of a system whether its flow or its projection depends on it.
+    """For each leaf of a system whether it is a floating point array that its flow or its projection depends on.
 
     Told from their traces. What stands in a loop or a branch counts if anything inside needs it; nothing that does
     matter is left out."""
@@ -24,5 +24,5 @@ def in_steps(system: AbstractFlatSystem, mode: Mode, t, x) -> Any:
 
     trace = jax.make_jaxpr(parts)(parameters, t, x)
     _, needed = partial_eval.dce_jaxpr(trace.jaxpr, [True] * len(trace.out_avals))
-    leaves, tree = jax.tree.flatten(parameters)
-    return tree.unflatten(needed[: len(leaves)])
+    is_needed = iter(needed)
+    return jax.tree.map(lambda leaf: eqx.is_inexact_array(leaf) and next(is_needed), system)

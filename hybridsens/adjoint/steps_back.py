@@ -3,13 +3,16 @@
 from typing import Any, NamedTuple
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from ..flat_system import AbstractFlatSystem
 from ..numerics.small_arrays import computed_once
 from ..numerics.tolerances import time_resolution
+from ..observables import Observables
 from ..xla.packed import pack
 from .control import DerivativeControl, is_noise
 from .methods import AbstractGradientMethod
@@ -17,32 +20,26 @@ from .segment_steps import Steps
 from .step import RecordedStep, StepBack
 
 
-class Cotangents(NamedTuple):
-    """Derivatives of the cost by everything that is reported of a motion; None where there is none."""
-
-    final: Float[Array, "state"]
-    """By the final state."""
-    time: Float[Array, "event"] | None
-    before: Float[Array, "event state"] | None
-    after: Float[Array, "event state"] | None
-    emitted: Any
-    samples: Float[Array, "sample state"] | None
-    """By the states at `ts`."""
-
-
 class BackwardPass(NamedTuple):
     """What the backward pass is made from; constant while it runs."""
 
-    parameters: Any
-    static: Any
+    system: AbstractFlatSystem
+    in_steps: Any
+    """Which of its leaves are parameters that a step depends on."""
     method: AbstractGradientMethod
     solver: diffrax.AbstractSolver
     """That of the motion, for steps that are differentiated."""
     controlled: bool
     """Whether steps are cut where they do not resolve the derivative."""
     control: DerivativeControl
-    bar: Cotangents
+    cotangent: Observables
+    """Derivatives of the cost by everything that is reported of the motion; its events are rows of the record."""
     ts: Float[Array, "sample"] | None
+
+    @property
+    def step_parameters(self) -> Any:
+        """theta, as far as a step depends on it."""
+        return eqx.filter(self.system, self.in_steps)
 
 
 class Costate(NamedTuple):
@@ -50,19 +47,19 @@ class Costate(NamedTuple):
 
     psi: Float[Array, "state"]
     by_dt: Float[Array, ""]
-    """What an event that came at once hands on to the one before."""
+    """Derivative by the time of an event, which one that came at once hands on to the event before."""
     total: Any
-    """dJ/dtheta so far, packed."""
+    """What the steps have added to dJ/dtheta, packed."""
     gathered: Any
-    """The same without cancellation: what its error is measured by."""
+    """Sum of the sizes of all that steps and events have added: the scale that errors are compared with."""
     worst: Any
-    """Largest error of any step in it."""
+    """Largest error of any step in `total`."""
     peak: Float[Array, ""]
     """The largest size that psi had."""
     foreseen: Any
-    """What will have been gathered at least, by an earlier sweep."""
+    """Least scale of what is gathered, from the sweep before."""
     strict: Array
-    """Whether every step must resolve what it adds to dJ/dtheta."""
+    """Whether a step is also judged by what it adds to dJ/dtheta: in the second sweep."""
     data: Int[Array, ""]
     """How many data times lie before."""
     tries: Int[Array, ""]
@@ -95,17 +92,19 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
         place, costate = carry
         start = record.t[place.k]
         left = _left_end(backward, start, place, costate.data)
-        whole = left == start
-        locates = ~whole & (place.t != left)
-        t0, t1 = jnp.where(locates, start, left), jnp.where(locates, left, place.right)
-        x0 = jnp.where(whole | locates, record.x[place.k], place.x)
-        psi = jnp.where(locates, 0, costate.psi)
+        reaches_start = left == start
+        # This turn may only find the state at `left`; then it carries no costate and is never accepted.
+        finds_state = ~reaches_start & (place.t != left)
+        t0, t1 = jnp.where(finds_state, start, left), jnp.where(finds_state, left, place.right)
+        x0 = jnp.where(reaches_start | finds_state, record.x[place.k], place.x)
+        psi = jnp.where(finds_state, 0, costate.psi)
         go = lambda: _carry_back(backward, steps.mode, t0, t1, x0, psi)
-        step = computed_once(costate.tries >= 0, go)
+        step = computed_once(costate.tries >= 0, go)  # always true, which XLA cannot foresee
         gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, step.total)
         judge = lambda: _judge(backward, x0, costate._replace(psi=psi, gathered=gathered), step, t1 - t0, place.width)
         accepted, width, size = computed_once(costate.tries >= 0, judge)
-        accepted = (accepted | (t1 - t0 <= time_resolution(t1, 2))) & ~locates
+        finest = t1 - t0 <= time_resolution(t1, 2)  # cannot be cut: two data times may coincide
+        accepted = (accepted | finest) & ~finds_state
         total = jax.tree.map(jnp.add, costate.total, step.total)
         psi, data = _add_data(backward, left, step.psi, costate.data)
         worst = costate.worst
@@ -116,11 +115,13 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
             worst = jax.tree.map(larger, worst, step.total_error)
         moved = costate._replace(psi=psi, total=total, gathered=gathered, worst=worst, peak=peak, data=data)
         costate = jax.tree.map(lambda new, old: jnp.where(accepted, new, old), moved, costate)
-        at_once = accepted & whole & (place.right == jnp.where(place.k + 1 < steps.last, record.t[place.k + 1], end))
-        width = jnp.where(at_once, jnp.inf, jnp.where(locates, place.width, width))
+        # Where a recorded step was taken in one piece, the next is tried in one piece too.
+        step_end = jnp.where(place.k + 1 < steps.last, record.t[place.k + 1], end)
+        in_one = accepted & reaches_start & (place.right == step_end)
+        width = jnp.where(in_one, jnp.inf, jnp.where(finds_state | finest, place.width, width))
         place = Place(
-            jnp.where(accepted & whole, place.k - 1, place.k), jnp.where(accepted, left, place.right),
-            width, jnp.where(locates, left, place.t), jnp.where(locates, step.x1, place.x),
+            jnp.where(accepted & reaches_start, place.k - 1, place.k), jnp.where(accepted, left, place.right),
+            width, jnp.where(finds_state, left, place.t), jnp.where(finds_state, step.x1, place.x),
         )  # fmt: skip
         return place, costate._replace(tries=costate.tries + 1)
 
@@ -134,8 +135,8 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
 
 
 def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
-    """One step back. What it adds to dJ/dtheta is packed: the arithmetic of the control then is that of few arrays."""
-    parameters, static = backward.parameters, backward.static
+    """One step back. What it adds to dJ/dtheta is packed, because the error control then works on few arrays."""
+    parameters, static = eqx.partition(backward.system, backward.in_steps)
     step = RecordedStep(parameters, static, mode, t0, t1, x0, backward.solver, backward.controlled)
     done = backward.method.carry_back(step, psi)
     error = None if done.total_error is None else pack(done.total_error)
@@ -143,7 +144,8 @@ def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
 
 
 def _left_end(backward: BackwardPass, start, place: Place, data):
-    """Where the step back ends: at the recorded step's start, at a data time, or as far as it may go."""
+    """Where the step back ends: at the recorded step's start, at a data time, or as far as it may go. Parts are shorter
+    than `width`, because the error estimate exaggerates the error of short steps."""
     cut = backward.control.cut(place.width)
     left = jnp.where(place.right - start <= place.width, start, place.right - cut)
     if backward.ts is None:
@@ -154,11 +156,11 @@ def _left_end(backward: BackwardPass, start, place: Place, data):
 
 def _add_data(backward: BackwardPass, t, psi, data):
     """psi- = psi+ + c_x at a data time."""
-    if backward.ts is None or backward.bar.samples is None:
+    if backward.ts is None or backward.cotangent.samples is None:
         return psi, data
     row = jnp.maximum(data - 1, 0)
     here = (data > 0) & (backward.ts[row] >= t)
-    return psi + jnp.where(here, backward.bar.samples[row], 0), data - here
+    return psi + jnp.where(here, backward.cotangent.samples[row], 0), data - here
 
 
 def _judge(backward: BackwardPass, x, costate: Costate, step: StepBack, h, width):
@@ -170,7 +172,7 @@ def _judge(backward: BackwardPass, x, costate: Costate, step: StepBack, h, width
 
     def of_gradient():
         scale = jax.tree.map(jnp.maximum, costate.gathered, costate.foreseen).unpack()
-        return control.of_gradient(backward.parameters, scale, step.total_error.unpack(), costate.peak)
+        return control.of_gradient(backward.step_parameters, scale, step.total_error.unpack(), costate.peak)
 
     looks = costate.strict & ~is_noise(size, costate.peak)
     ratio = jnp.maximum(ratio, lax.cond(looks, of_gradient, lambda: jnp.zeros_like(ratio)))

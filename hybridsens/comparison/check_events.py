@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..adjoint.methods import ForwardSensitivities, Replay
+from ..mechanics.decisions import initial_mode
 from ..mechanics.flow import free_acceleration
 from ..mechanics.mode import EventKind
-from ..mechanics.resets import initial_mode
 from ..mechanics.scene import State
 from ..mechanics.trajectory import Events
 from ..parameters import flatten_parameters

@@ -1,13 +1,16 @@
 """What the forward pass writes down, and all that the backward pass will read: nothing is derived from t later."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import AbstractFlatSystem, Decision, Mode
 from ..numerics.tolerances import time_resolution
+from ..observables import EventStates
 from ..status import Status
 
 
@@ -51,23 +54,23 @@ class StepRecord(eqx.Module):
         return StepRecord(write(self.t, t, self.count), write(self.x, x, self.count), self.count)
 
 
+class Event(NamedTuple):
+    """One event, or a row for each."""
+
+    states: EventStates
+    guard: Int[Array, "*event"]
+    """Which guard fell through zero, or `jump_number` of a jump time."""
+    decision: Decision
+    """The discrete outcome, with the mode after."""
+    mode: Mode
+    """The mode before."""
+
+
 class EventRecord(eqx.Module):
     """Event j ends segment j. Arrays hold `max_events` entries, of which `count` are used."""
 
-    time: Float[Array, "event"]
-    """When, inf beyond the last."""
-    guard: Int[Array, "event"]
-    """Which guard fell through zero, or `jump_number` of a jump time; -1 beyond the last."""
-    before: Float[Array, "event state"]
-    """State just before, x-."""
-    after: Float[Array, "event state"]
-    """State just after, x+."""
-    emitted: PyTree[Array]
-    """What the reset emitted: impulses in mechanics."""
-    decision: Decision
-    """The discrete outcome, with the mode of segment j + 1."""
-    mode: Mode
-    """The mode of segment j."""
+    rows: Event
+    """Times are inf and guards -1 beyond the last."""
     steps: Int[Array, "event"]
     """Number of accepted steps up to the event."""
     first_step: Float[Array, "event"]
@@ -77,11 +80,21 @@ class EventRecord(eqx.Module):
     room: int = eqx.field(static=True)
     """How many events may be reported; rows of jump times and of silent events come beside them."""
 
-    def append(self, passes, **entry) -> "EventRecord":
+    @property
+    def states(self) -> EventStates:
+        return self.rows.states
+
+    def event(self, place) -> Event:
+        """One of them."""
+        return jax.tree.map(lambda rows: rows[place], self.rows)
+
+    def append(self, passes, event: Event, steps, first_step) -> "EventRecord":
         """Write the next event; one that does not pass is overwritten by the next."""
-        fields = {name: getattr(self, name) for name in entry}
-        written = jax.tree.map(lambda buffer, leaf: write(buffer, leaf, self.count), fields, entry)
-        return EventRecord(**written, count=self.count + passes, room=self.room)
+        put = lambda rows, entry: jax.tree.map(lambda buffer, leaf: write(buffer, leaf, self.count), rows, entry)
+        return EventRecord(
+            put(self.rows, event), put(self.steps, steps), put(self.first_step, first_step), self.count + passes,
+            self.room,
+        )  # fmt: skip
 
 
 class Motion(eqx.Module):
@@ -103,8 +116,8 @@ class Motion(eqx.Module):
     events: EventRecord
     last_guard: Int[Array, ""]
     """Guard of the last event, -1 before the first."""
-    last_event: Float[Array, ""]
-    """Time of the last event."""
+    last_event_time: Float[Array, ""]
+    """-inf before the first."""
     grazing: Bool[Array, ""]
     """Whether any event so far was grazing."""
     unreported: Int[Array, ""]
@@ -121,9 +134,7 @@ def write(buffer: Array, row: Array, place: Int[Array, ""]) -> Array:
     return lax.dynamic_update_index_in_dim(buffer, jnp.asarray(row, buffer.dtype), place, 0)
 
 
-def empty_motion(
-    system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int, max_steps: int, status
-) -> Motion:
+def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int, max_steps: int, status) -> Motion:
     """A motion that stands at (t0, x0) and has room for `max_steps` steps, `max_events` events and all jump times.
 
     Both records have one row more than they may use, for the entry that is written and then not kept.
@@ -134,14 +145,9 @@ def empty_motion(
     decision = jax.eval_shape(lambda: system.choose(jnp.array(0), t0, x0, mode))
     _, emitted = jax.eval_shape(lambda decision: system.reset(decision, t0, x0), decision)
     rows = lambda tree: jax.tree.map(lambda leaf: jnp.zeros((max_events + 1, *leaf.shape), leaf.dtype), tree)
+    states = EventStates(jnp.full(max_events + 1, jnp.inf, t0.dtype), rows(x0), rows(x0), rows(emitted))
     events = EventRecord(
-        time=jnp.full(max_events + 1, jnp.inf, t0.dtype),
-        guard=jnp.full(max_events + 1, -1),
-        before=rows(x0),
-        after=rows(x0),
-        emitted=rows(emitted),
-        decision=rows(decision),
-        mode=rows(mode),
+        rows=Event(states, jnp.full(max_events + 1, -1), rows(decision), rows(mode)),
         steps=jnp.zeros(max_events + 1, int),
         first_step=jnp.zeros(max_events + 1, t0.dtype),
         count=jnp.array(0),
@@ -172,7 +178,7 @@ def segment(motion: Motion, j) -> tuple[Mode, Int[Array, ""], Int[Array, ""]]:
     events = motion.events
     here, previous = jnp.minimum(j, events.steps.shape[0] - 1), jnp.maximum(j - 1, 0)
     ended = j < events.count
-    mode = jax.tree.map(lambda rows, final: jnp.where(ended, rows[here], final), events.mode, motion.mode)
+    mode = jax.tree.map(lambda rows, final: jnp.where(ended, rows[here], final), events.rows.mode, motion.mode)
     first = jnp.where(j > 0, events.steps[previous], 0)
     return mode, first, jnp.where(ended, events.steps[here], motion.steps.count)
 
@@ -180,21 +186,22 @@ def segment(motion: Motion, j) -> tuple[Mode, Int[Array, ""], Int[Array, ""]]:
 def segment_start(motion: Motion, j, t0) -> Float[Array, ""]:
     """When segment j began."""
     previous = jnp.maximum(j - 1, 0)
-    time = motion.events.time[previous]
-    return jnp.where(j > 0, jnp.where(is_jump(motion.events.guard[previous]), after_jump(time), time), t0)
+    time = motion.events.states.time[previous]
+    return jnp.where(j > 0, jnp.where(is_jump(motion.events.rows.guard[previous]), after_jump(time), time), t0)
 
 
 def segment_end(motion: Motion, j) -> Float[Array, ""]:
     """When segment j ended."""
     events = motion.events
-    place = jnp.minimum(j, events.time.shape[0] - 1)
-    time = jnp.where(is_jump(events.guard[place]), before_jump(events.time[place]), events.time[place])
+    place = jnp.minimum(j, events.steps.shape[0] - 1)
+    time = events.states.time[place]
+    time = jnp.where(is_jump(events.rows.guard[place]), before_jump(time), time)
     return jnp.where(j < events.count, time, motion.t)
 
 
 def order_of_events(motion: Motion) -> Int[Array, "event"]:
     """Rows of the record that are reported, in their order."""
     events = motion.events
-    hidden = is_jump(events.guard) | events.decision.silent
+    hidden = is_jump(events.rows.guard) | events.rows.decision.silent
     sort = lambda: jnp.argsort(hidden, stable=True)[: events.room]
     return lax.cond(motion.unreported > 0, sort, lambda: jnp.arange(events.room))  # to sort takes longer than to ask

@@ -12,7 +12,8 @@ from ..flat_system import AbstractFlatSystem
 from ..numerics.small_arrays import any_of
 from ..status import Status
 from .clip_floor import short_clip_floor
-from .event_location import EventLocator, LocatorState, first_to_fall, guards_at_start
+from .event_location import EventLocator, LocatorState
+from .guards import first_to_fall, guards_at_start
 from .record import Motion, after_jump, before_jump, jump_number
 from .solver import TERM
 
@@ -70,11 +71,11 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     state, ts, ys = solution.controller_state, solution.ts, solution.ys
     assert isinstance(state, LocatorState) and ts is not None and ys is not None
     landed = solution.result == diffrax.RESULTS.event_occurred
-    guard = jnp.where(at_once, first_to_fall(start.triggered, start.guard, start.rate), state.triggered)
+    guard = jnp.where(at_once, first_to_fall(start.triggered, start.guard, start.rate), state.landed_on)
     guard = jnp.where(motion.begun, guard, -1)
     first_step = jnp.where(motion.begun, state.free_step, motion.first_step)  # to be found in the mode then chosen
     motion = Motion(
-        motion.begun, ts[0], ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event,
+        motion.begun, ts[0], ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event_time,
         motion.grazing | state.grazing, motion.unreported, state.rejected, first_step,
         _status(solution.result, state.finite),
     )  # fmt: skip

@@ -10,8 +10,9 @@ from jaxtyping import Array, Float
 
 from ..flat_system import AbstractFlatSystem, Decision
 from ..numerics.tolerances import time_resolution
+from ..observables import EventStates
 from ..status import Status
-from .record import Motion, after_jump, is_jump
+from .record import Event, Motion, after_jump, is_jump
 from .segment import SegmentEnd, Stepper, solve_segment
 
 
@@ -43,11 +44,13 @@ def _goes_on(motion: Motion):
     """Whether the motion is running, and has room for an event (which it always has).
 
     Two of the values carried are asked, on purpose: where one alone ends a loop, XLA looks for a count of its turns by
-    interpreting the body, again at every pass, which took a quarter of the time to compile."""
-    return (motion.status == Status.running) & (motion.events.count < motion.events.time.shape[0])
+    interpreting the body, again at every pass over the program."""
+    return (motion.status == Status.running) & (motion.events.count < motion.events.steps.shape[0])
 
 
 def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
+    """A motion without any event, in one solve; of no length where it must not start. Nothing holds its state, so
+    nothing projects it."""
     begins = system.choose(jnp.array(-1), motion.t, motion.x, motion.mode)
     start = Status.where(motion.status == Status.running, begins.status, motion.status)
     motion = dataclasses.replace(motion, begun=jnp.array(True), status=start)
@@ -59,38 +62,36 @@ def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion
 def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Motion:
     """Decide what the event is, reset the state, and write the event down; without an event the motion has ended.
 
-    The first event is the beginning: the mode is chosen, nothing is written down, and nothing jumps but onto the
-    constraints of that mode. At a jump time the mode is chosen anew, and the state stays."""
+    The first event is the beginning: the mode is chosen, the state is put on the constraints of that mode, and no row
+    is written. At a jump time the mode is chosen anew, and the state stays."""
     t, before, events = end.time, motion.x, motion.events
-    timed = is_jump(end.guard)
-    silent = timed | system.is_silent(end.guard, motion.mode)
-    full = ~silent & (events.count - motion.unreported >= events.room)
-    again = motion.begun & (end.guard == motion.last_guard) & (t - motion.last_event <= time_resolution(t, 1))
+    at_jump_time = is_jump(end.guard)
+    hidden = at_jump_time | system.is_silent(end.guard, motion.mode)
+    full = ~hidden & (events.count - motion.unreported >= events.room)
+    again = motion.begun & (end.guard == motion.last_guard) & (t - motion.last_event_time <= time_resolution(t, 1))
     passes = end.event & ~full & ~again
-    jumps = passes & motion.begun
+    recorded = passes & motion.begun
 
     def transition():
-        at = jnp.where(timed, after_jump(t), t)
-        decision = system.choose(jnp.maximum(end.guard, -2), at, before, motion.mode)
-        after, emitted = system.reset(decision, t, before)
-        begun = lambda: jnp.where(timed, before, after)
-        after = lax.cond(motion.begun, begun, lambda: system.project(t, before, decision.mode))
+        at = jnp.where(at_jump_time, after_jump(t), t)
+        event = jnp.maximum(end.guard, -2)  # one number stands for every jump time
+        decision = system.choose(event, at, before, motion.mode)
+        reset_x, emitted = system.reset(decision, t, before)
+        at_event = lambda: jnp.where(at_jump_time, before, reset_x)
+        after = lax.cond(motion.begun, at_event, lambda: system.project(t, before, decision.mode))
         return Transition(decision, after, emitted)
 
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
     done = lax.cond(passes, transition, lambda: nothing)
     after = jnp.where(passes, done.after, before)
-    t_after = jnp.where(passes & timed, after_jump(t), t)
+    t_after = jnp.where(passes & at_jump_time, after_jump(t), t)
     # A step of no length would never grow.
     first_step_bound = jnp.maximum(done.decision.first_step_bound, time_resolution(t, 0))
     first_step = jnp.where(passes, jnp.minimum(motion.first_step, first_step_bound), motion.first_step)
-    # The row is written in either case and counts only if the event passed: a buffer that goes through a
-    # conditional would be copied whole.
-    events = events.append(
-        jumps, time=jnp.where(jumps, t, jnp.inf), guard=jnp.where(jumps, end.guard, -1), before=before,
-        after=after, emitted=done.emitted, decision=done.decision, mode=motion.mode,
-        steps=motion.steps.count, first_step=first_step,
-    )  # fmt: skip
+    # The row is always written and counts only if `recorded`: a conditional would copy the whole buffer.
+    states = EventStates(jnp.where(recorded, t, jnp.inf), before, after, done.emitted)
+    event = Event(states, jnp.where(recorded, end.guard, -1), done.decision, motion.mode)
+    events = events.append(recorded, event, motion.steps.count, first_step)
     return Motion(
         begun=jnp.array(True),
         t=t_after,
@@ -99,9 +100,9 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         steps=motion.steps.jump(t_after, after),
         events=events,
         last_guard=jnp.where(passes, end.guard, motion.last_guard),
-        last_event=jnp.where(jumps, t, motion.last_event),
-        grazing=motion.grazing | (jumps & done.decision.grazing),
-        unreported=motion.unreported + (jumps & silent),
+        last_event_time=jnp.where(recorded, t, motion.last_event_time),
+        grazing=motion.grazing | (recorded & done.decision.grazing),
+        unreported=motion.unreported + (recorded & hidden),
         rejected=motion.rejected,
         first_step=first_step,
         status=_status(motion, end, full, again, Status.where(passes, done.decision.status, Status.running)),
@@ -109,7 +110,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
 
 
 def _status(motion: Motion, end: SegmentEnd, full, again, decided: Status) -> Status:
-    """What is said of the motion after a segment and its event; the earliest cause comes last and wins."""
+    """What is said of the motion after a segment and its event. Later lines override earlier ones."""
     reached = Status.where(motion.grazing, Status.grazing, Status.successful)
     ended = Status.where(motion.status == Status.running, reached, motion.status)
     status = Status.where(end.event, motion.status, ended)

@@ -13,7 +13,7 @@ class EventKind(enum.IntEnum):
     """What happened at an event; the numbers in `trajectory.events.kind`."""
 
     IMPACT = 0
-    """A gap closed and the contact opened again at once."""
+    """A gap closed and no force holds the contact closed: it opens again, or touches without a force."""
     CAPTURE = 1
     """A gap closed and the contact stays closed."""
     RELEASE = 2

@@ -19,11 +19,11 @@ from ..search.stretches import gap_kinds, search_gaps
 from ..status import Status
 from .contact import contact_geometry, gap_and_rate
 from .corners import is_not_smooth
+from .decisions import ImpactDetail, decide_transition
 from .few import among_few
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import transition_impulse
 from .mode import ContactMode, gap_tolerance
-from .resets import ImpactDetail, decide_transition
 from .scene import AbstractScene
 from .status import ContactStatus
 from .typed import Fixed, as_written, number

@@ -6,10 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 
 import hybridsens as hs
-from hybridsens.adjoint.jump import Jump, RecordedEvent, flows_at, jump, pull_jump_back, push_jump_forward
+from hybridsens.adjoint.jump import Jump, flows_at, jump, pull_jump_back, push_jump_forward
 from hybridsens.flat_system import AbstractFlatSystem, Decision
-from hybridsens.mechanics.resets import initial_mode
+from hybridsens.forward.record import Event
+from hybridsens.mechanics.decisions import initial_mode
 from hybridsens.mechanics.system import MechanicalSystem
+from hybridsens.observables import EventStates
 from hybridsens.scenes import BouncingBall, CylinderSlide
 from tests.closeness import assert_close
 
@@ -38,8 +40,8 @@ class Nonlinear(AbstractFlatSystem):
 def event_of(system, t, before, mode):
     """The record of an event at (t, before)."""
     decision = system.decide(jnp.array(0), t, before, mode)
-    after, _ = system.reset(decision, t, before)
-    return RecordedEvent(t, jnp.array(0), before, after, decision, mode)
+    after, emitted = system.reset(decision, t, before)
+    return Event(EventStates(t, before, after, emitted), jnp.array(0), decision, mode)
 
 
 SYSTEM = Nonlinear(jnp.array([0.7, 1.3]))
@@ -47,15 +49,13 @@ T = jnp.array(0.4)
 X = jnp.stack([SYSTEM.p[0] * jnp.sin(T) / -0.8, -0.8, 0.5])
 """A state on the guard."""
 EVENT = event_of(SYSTEM, T, X, jnp.array(False))
-PARAMETERS, STATIC = eqx.partition(SYSTEM, eqx.is_inexact_array)
 
 
 def saltation_matrix(system, event):
     """S, column by column."""
-    parameters, static = eqx.partition(system, eqx.is_inexact_array)
-    still = jax.tree.map(jnp.zeros_like, parameters)
-    column = lambda dx: push_jump_forward(parameters, static, event, still, dx, 0.0).state
-    return jax.vmap(column, out_axes=1)(jnp.eye(event.before.size))
+    still = jax.tree.map(jnp.zeros_like, eqx.filter(system, eqx.is_inexact_array))
+    column = lambda dx: push_jump_forward(system, event, still, dx, 0.0).state
+    return jax.vmap(column, out_axes=1)(jnp.eye(event.states.before.size))
 
 
 def parts():
@@ -64,7 +64,7 @@ def parts():
     R = lambda t, x, p: Nonlinear(p).reset(EVENT.decision, t, x)[0]
     E = lambda t, x, p: Nonlinear(p).reset(EVENT.decision, t, x)[1]
     by = lambda f: jax.jacfwd(f, argnums=(0, 1, 2))(T, X, SYSTEM.p)
-    minus, plus = SYSTEM.flow(T, X, EVENT.mode), SYSTEM.flow(T, EVENT.after, EVENT.decision.mode)
+    minus, plus = SYSTEM.flow(T, X, EVENT.mode), SYSTEM.flow(T, EVENT.states.after, EVENT.decision.mode)
     return by(h), by(R), by(E), minus, plus
 
 
@@ -74,15 +74,15 @@ def test_forward_jump_is_the_saltation_formula():
     dx, dp = jnp.array([0.3, 1.1, -0.6]), jnp.array([0.9, -0.4])
     dt = -(h_x @ dx + h_p @ dp) / (h_t + h_x @ minus)
     at_guard = dx + minus * dt
-    expected = Jump(
-        state=R_x @ dx + R_p @ dp + (R_x @ minus + R_t - plus) * dt,
+    reported = EventStates(
         time=dt,
         before=at_guard,
         after=R_x @ at_guard + R_p @ dp + R_t * dt,
         emitted=E_x @ at_guard + E_p @ dp + E_t * dt,
     )
-    found = push_jump_forward(PARAMETERS, STATIC, EVENT, Nonlinear(dp), dx, 0.0)
-    for part, formula in zip(found, expected, strict=True):
+    expected = Jump(R_x @ dx + R_p @ dp + (R_x @ minus + R_t - plus) * dt, reported)
+    found = push_jump_forward(SYSTEM, EVENT, Nonlinear(dp), dx, 0.0)
+    for part, formula in zip(*map(jax.tree.leaves, (found, expected)), strict=True):
         assert_close(part, formula, 1e-13)
 
 
@@ -92,12 +92,12 @@ def test_reverse_jump_is_the_adjoint_jump_condition():
     rng = np.random.default_rng(0)
     psi, before, after = (jnp.array(rng.normal(size=3)) for _ in range(3))
     time = jnp.array(0.7)
-    # A variation of the state after, at its moving time, reaches the cost through psi and through its own report.
+    # A change of the state after, at its moving time, reaches the cost through psi and through its own report.
     numerator = psi @ (R_x @ minus + R_t - plus) + after @ (R_x @ minus + R_t) + before @ minus + time
     mu = -numerator / (h_t + h_x @ minus)
     expected_x = R_x.T @ (psi + after) + before + h_x * mu
     expected_p = R_p.T @ (psi + after) + h_p * mu
-    found, found_x, _ = pull_jump_back(PARAMETERS, STATIC, EVENT, Jump(psi, time, before, after, jnp.array(0.0)))
+    found, found_x, _ = pull_jump_back(SYSTEM, EVENT, Jump(psi, EventStates(time, before, after, jnp.array(0.0))))
     assert_close(found_x, expected_x, 1e-13)
     assert_close(found.p, expected_p, 1e-13)
 
@@ -105,8 +105,8 @@ def test_reverse_jump_is_the_adjoint_jump_condition():
 def test_the_jump_moves_nothing():
     """In value it is the reset itself, at the recorded time."""
     found = jump(SYSTEM, EVENT, flows_at(SYSTEM, EVENT), X, 0.0)
-    assert_close(found.state, EVENT.after, 1e-14)
-    assert_close(found.time, T, 1e-14)
+    assert_close(found.state, EVENT.states.after, 1e-14)
+    assert_close(found.reported.time, T, 1e-14)
 
 
 def test_saltation_of_a_ball():

@@ -6,7 +6,7 @@ import pytest
 from jax import lax
 
 import hybridsens as hs
-from hybridsens.adjoint import backward
+from hybridsens import passes
 from hybridsens.adjoint.step_parameters import in_steps
 
 
@@ -52,7 +52,7 @@ HIDDEN = Hidden(*jnp.ones((5,)))
 )
 def test_steps_know_the_parameters_of_the_flow(scene, inside, monkeypatch):
     told = []
-    monkeypatch.setattr(backward, "in_steps", lambda *given: told.append(in_steps(*given)) or told[-1])
+    monkeypatch.setattr(passes, "in_steps", lambda *given: told.append(in_steps(*given)) or told[-1])
     start = hs.State([0.0], [1.0])
     cost = lambda scene: hs.simulate(scene, start, t1=1.0, throw=False).final.q[0]
     jax.eval_shape(jax.grad(cost), jax.tree.map(jnp.asarray, scene))

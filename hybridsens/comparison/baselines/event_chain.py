@@ -14,7 +14,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...mechanics.resets import initial_mode
+from ...mechanics.decisions import initial_mode
 from ...mechanics.scene import AbstractScene, State
 from ...mechanics.system import MechanicalSystem
 from ...mechanics.trajectory import Events

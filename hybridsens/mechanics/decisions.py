@@ -1,4 +1,5 @@
-"""What happens at an event: who takes part, which law acts, who is held afterwards."""
+"""What is decided at an event: who takes part, which law acts, who is held afterwards. `MechanicalSystem.reset` then
+moves the state."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -40,7 +41,7 @@ class ImpactDetail(eqx.Module):
     """Held contacts that another one's impulse would kick off too slowly to matter: their rates are 0 after it."""
 
 
-class Outcome(NamedTuple):
+class Impact(NamedTuple):
     """What the laws leave."""
 
     plastic: Bool[Array, "contact"]
@@ -101,9 +102,11 @@ class Verdict(NamedTuple):
 
 def _judge(scene: AbstractScene, capture_speed, depth, event, t, q, v, mode: ContactMode) -> Verdict:
     """The decision among the contacts of the scene."""
+    # A negative `event` is no contact. Its number is that of the last one then, and `met` masks what is read there.
     is_release = (event >= 0) & mode.active[event]
-    at_event, mode = look_at_event(scene, depth[1], event, t, q, v, mode)
-    deepest = depth[0] * mode.length[event] + depth[1]
+    relative, absolute = depth
+    at_event, mode = look_at_event(scene, absolute, event, t, q, v, mode)
+    deepest = relative * mode.length[event] + absolute
     met = (event >= 0) & ~is_release
     guard = at_event.gap[event] + mode.margin[event]
     jumped = met & has_jumped(guard, at_event.rate[event], mode.length[event], t)
@@ -111,15 +114,15 @@ def _judge(scene: AbstractScene, capture_speed, depth, event, t, q, v, mode: Con
     grazing = met & _is_grazing(at_event.rate[event], at_event.gap_acceleration[event], deepest)
     if not scene.sustained_contact:
         return _bounce(scene, at_event, event, t, q, v, mode, grazing, status)
-    outcome = _apply_laws(scene, capture_speed, at_event, t, q, v, mode)
-    after = _with_selection(mode, outcome.selection, at_event.gap)
+    impact = _apply_laws(scene, capture_speed, at_event, t, q, v, mode)
+    after = _with_selection(mode, impact.selection, at_event.gap)
     kind = jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT)
-    detail = ImpactDetail(at_event.triggered & ~is_release, outcome.support, outcome.plastic, outcome.brought_to_rest)
+    detail = ImpactDetail(at_event.triggered & ~is_release, impact.support, impact.plastic, impact.brought_to_rest)
     first_step_bound = _first_step_bound(
-        scene, t, q, outcome.v, at_event.gap_acceleration, at_event.impacting & ~after.held
+        scene, t, q, impact.v, at_event.gap_acceleration, at_event.impacting & ~after.held
     )
     kind = jnp.where(is_release, EventKind.RELEASE, kind)
-    order_matters = _order_matters(at_event, outcome.support, mode)
+    order_matters = _order_matters(at_event, impact.support, mode)
     return Verdict(after, detail, kind, grazing, status, first_step_bound, order_matters)
 
 
@@ -130,7 +133,7 @@ def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
 
 
 def _bounce(scene: AbstractScene, at_event: EventState, event, t, q, v, mode: ContactMode, grazing, status) -> Verdict:
-    """The impact of a scene whose contacts never stay closed; one that does is told by its status."""
+    """The impact of a scene whose contacts never stay closed. Where one would, the status is `event_repeats`."""
     geometry, rate, impacting = at_event.geometry, at_event.rate, at_event.impacting
     e, no_contact = scene.restitution(), jnp.zeros_like(impacting)
     support = impulse_support(geometry, rate, e, impacting, mode.speed)
@@ -148,25 +151,29 @@ def _bounce(scene: AbstractScene, at_event: EventState, event, t, q, v, mode: Co
     return Verdict(mode, detail, jnp.asarray(EventKind.IMPACT), grazing, status, first_step_bound, order_matters)
 
 
-def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, t, q, v, mode: ContactMode) -> Outcome:
+def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, t, q, v, mode: ContactMode) -> Impact:
     """The law of impact (T3) and Gauss's principle (T2), with rebounds that are too slow to matter cut.
 
     A rebound that is slow (or not to be seen above the rounding of the gap) is plastic, but only where the contact is
-    pressed: a grazing contact leaves slowly too, and has to keep its rebound. So the law is applied with every slow
-    contact plastic (turn 0), then with those of them that were held (turn 1). An impact also kicks neighbours off,
-    which fall back and kick in their turn: where contacts leave too slowly to matter and Gauss's principle holds all
-    of them together (turn 2), their rates are made 0 (turn 3). One loop, so that the laws are compiled once; turns that
-    cannot change anything are left out.
+    pressed: a grazing contact leaves slowly too, and has to keep its rebound. An impact also kicks neighbours off,
+    which fall back and kick in their turn: contacts that leave too slowly to matter are brought to rest together.
+
+    - Turn 0 applies the law with every slow contact plastic.
+    - Turn 1 makes those plastic that were held then. It is left out where they are the same.
+    - Turn 2 tests whether Gauss's principle holds neighbours that leave slowly, all of them together.
+    - Turn 3 brings those to rest; it is needed in any case, since turn 2 selected with a wider limit.
+
+    One loop, so that the laws are compiled once; a contact without a neighbour needs turns 0 and 1 alone.
     """
     geometry, rate, impacting = at_event.geometry, at_event.rate, at_event.impacting
     e = scene.restitution()
     no_contact = jnp.zeros_like(impacting)
     cut = capture_speed * mode.fastest
     slow = impacting & (e * jnp.abs(rate) <= jnp.maximum(cut, at_event.below_rounding))
-    still = closeness(q.dtype) * mode.speed
+    rest_speed = closeness(q.dtype) * mode.speed
     alone = impacting.shape[0] == 1
 
-    def turn(k, last: Outcome) -> Outcome:
+    def turn(k, last: Impact) -> Impact:
         restitution = jnp.where(last.plastic, 0, e)
         support = impulse_support(geometry, rate, restitution, impacting, mode.speed)
         v_after = v + product(
@@ -175,15 +182,13 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, t, q,
         _, rate_after = gap_and_rate(scene, t, q, v_after)
         acceleration = gap_acceleration(scene, geometry, t, q, v_after)
         together = (k == 2) & (not alone)
-        who, limit = at_event.closed, still
+        candidates, limit = at_event.closed, rest_speed
         if not alone:
             falls = acceleration.held(geometry, last.selection.active)
-            slow_to_leave = jnp.maximum(cut, rate_below_rounding(falls, mode))
-            who, limit = (
-                jnp.where(together, impacting, who),
-                jnp.where(together, jnp.maximum(still, slow_to_leave), still),
-            )
-        selection = gauss_selection(geometry, acceleration, rate_after, who, limit)
+            settle_speed = jnp.maximum(cut, rate_below_rounding(falls, mode))
+            candidates = jnp.where(together, impacting, candidates)
+            limit = jnp.where(together, jnp.maximum(rest_speed, settle_speed), rest_speed)
+        selection = gauss_selection(geometry, acceleration, rate_after, candidates, limit)
         plastic = jnp.where(k == 0, slow & selection.active, last.plastic)
         brought_to_rest = last.brought_to_rest
         if not alone:
@@ -191,17 +196,17 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, t, q,
             more = any_of(rests & ~(last.selection.active | last.selection.resting))
             all_of_them = independent_superset(geometry.delassus_matrix, selection.active, rests)
             brought_to_rest = jnp.where(together, all_of_them & more, brought_to_rest)
-        return Outcome(plastic, support, brought_to_rest, v_after, selection)
+        return Impact(plastic, support, brought_to_rest, v_after, selection)
 
     def next_turn(carry):
         k, last = carry
-        outcome = turn(k, last)
-        as_it_was = (k == 0) & ~any_of(outcome.plastic != last.plastic)  # turn 1 would apply the same law again
-        return jnp.where(as_it_was, 2, k + 1), outcome
+        impact = turn(k, last)
+        as_it_was = (k == 0) & ~any_of(impact.plastic != last.plastic)  # turn 1 would apply the same law again
+        return jnp.where(as_it_was, 2, k + 1), impact
 
     several = (not alone) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with
     turns = jnp.where(several, 4, 2)
-    start = Outcome(slow, no_contact, no_contact, v, Selection(no_contact, no_contact))
+    start = Impact(slow, no_contact, no_contact, v, Selection(no_contact, no_contact))
     return lax.while_loop(lambda carry: carry[0] < turns, next_turn, (jnp.array(0), start))[1]
 
 
@@ -235,6 +240,7 @@ def _order_matters(at_event: EventState, support, mode: ContactMode) -> Bool[Arr
 
 
 def _with_selection(mode: ContactMode, selection: Selection, gap) -> ContactMode:
+    """The mode with these contacts held, each where it is now."""
     margin = jnp.where(selection.resting, gap_tolerance(mode.length), 0)
     held_gap = jnp.where(mode.active, mode.held_gap, jnp.maximum(gap, 0))
     return dataclasses.replace(mode, active=selection.active, margin=margin, held_gap=lax.stop_gradient(held_gap))

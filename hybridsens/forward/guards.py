@@ -1,0 +1,50 @@
+"""What guards tell at one instant: at the start of a segment, and where a step ended."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..numerics.small_arrays import all_of
+from ..numerics.tolerances import closeness, rounding, time_resolution
+
+
+class GuardsAtStart(eqx.Module):
+    """What is known of the guards where a segment starts."""
+
+    guard: Float[Array, "guard"]
+    rate: Float[Array, "guard"]
+    noise: Float[Array, "guard"]
+    """Rounding to be granted to a guard that the segment starts on without a rate; 0 for every other guard."""
+    guard_rounding: Float[Array, "guard"]
+    """Rounding error of evaluating each guard."""
+    leaving: Bool[Array, "guard"]
+    """Guards that the segment starts on."""
+    triggered: Bool[Array, "guard"]
+    """Guards that are at or below zero and falling at the very start."""
+
+
+def guards_at_start(system, t, x, mode) -> GuardsAtStart:
+    """Tell guards that the segment leaves (it was just reset, or starts there) from guards that fire at once.
+
+    A guard that is left starts at 0 with a rate that is not negative, so its cubic has no root at the start (T4)."""
+    guard, rate = system.guards_and_rates(t, x, mode)
+    size, rate_size = (jnp.broadcast_to(scale, guard.shape) for scale in system.scales(t, x, mode))
+    noise, rate_noise = closeness(x.dtype) * size, closeness(x.dtype) * rate_size
+    triggered = (rate < -rate_noise) & (guard <= rounding(x.dtype) * size - time_resolution(t, 0) * rate)
+    leaving = (guard <= noise) & ~triggered & (rate >= -rate_noise)
+    lifting = leaving & (rate <= rate_noise)  # without a rate, only its acceleration carries it off
+    return GuardsAtStart(guard, rate, jnp.where(lifting, noise, 0), rounding(x.dtype) * size, leaving, triggered)
+
+
+def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> Int[Array, ""]:
+    """Which of the candidate guards passed zero first; -1 where there are no guards.
+
+    guard / rate is the time since then; a guard that jumped without falling is compared by its value."""
+    if guard.shape[0] == 0:
+        return jnp.array(-1)
+    return jnp.argmax(jnp.where(candidates, guard / jnp.where(rate < 0, rate, 1), -jnp.inf))
+
+
+def are_known(guard, rate) -> Bool[Array, ""]:
+    """Whether guards are finite and their rates are numbers; a rate may be infinite where a gap is a square root."""
+    return all_of(jnp.isfinite(guard) & ~jnp.isnan(rate))

@@ -1,0 +1,34 @@
+"""What of a motion a cost can depend on, in one record, whose tangents and cotangents are of its own type."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class EventStates(NamedTuple):
+    """Where events happen: one of them, or a row for each."""
+
+    time: Float[Array, "*event"]
+    before: Float[Array, "*event state"]
+    """State just before, x-."""
+    after: Float[Array, "*event state"]
+    """State just after, x+."""
+    emitted: Any
+    """What the reset emitted: impulses in mechanics."""
+
+
+class Observables(NamedTuple):
+    """The real numbers that are reported of a motion. In a cotangent None stands for zero."""
+
+    final: Float[Array, "state"]
+    samples: Float[Array, "sample state"] | None
+    """States at the times asked for."""
+    events: EventStates
+
+
+def filled(primal: Any, tangent: Any) -> Any:
+    """A tangent, or a cotangent, with zeros in the place of None."""
+    fill = lambda d, p: jax.tree.map(jnp.zeros_like, p) if d is None else d
+    return jax.tree.map(fill, tangent, primal, is_leaf=lambda leaf: leaf is None)
