@@ -19,6 +19,7 @@ class Steps(NamedTuple):
     """How much work the motion took."""
 
     accepted: Int[Array, "*batch"]
+    """Steps that make up the motion."""
     rejected: Int[Array, "*batch"]
     """Steps tried and not kept, for their error or because they overshot an event."""
 

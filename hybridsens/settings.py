@@ -43,13 +43,13 @@ class Settings(TypedDict, total=False):
     solver: diffrax.AbstractSolver | None
     """Any Diffrax solver with an error estimate."""
     rtol: float | Array
-    """Relative tolerance of a step,"""
+    """Relative tolerance of a step."""
     atol: float | Array
-    """and the absolute one."""
+    """Absolute tolerance of a step."""
     max_events: int
-    """Room for events,"""
+    """Room for events."""
     max_steps: int
-    """and for steps tried."""
+    """Room for steps tried."""
     max_step: float | Array | None
     """Longest step [s]."""
     capture_speed: float | Array | None

@@ -53,11 +53,13 @@ class Solution(eqx.Module):
     cost: Any
     """Integral of the running cost, with its structure; None without one."""
     events: SolutionEvents
+    """In the order of time."""
     mode: Any
     """Mode at the end."""
     status: Status
     """`Status.successful`, or what went wrong."""
     steps: Steps
+    """How much work it took."""
     again: Any = eqx.field(repr=False)
     """The same solve for other `ts`; `evaluate` asks it."""
 

@@ -20,9 +20,13 @@ class RecordedStep(NamedTuple):
     static: Any
     """The rest of the system."""
     mode: Any
+    """The mode that the step is taken in."""
     t0: Float[Array, ""]
+    """Where it begins."""
     t1: Float[Array, ""]
+    """Where it ends."""
     x0: Float[Array, "state"]
+    """The state at its beginning."""
     solver: diffrax.AbstractSolver
     """The motion's own."""
     controlled: bool = False
@@ -53,3 +57,4 @@ class StepBack(NamedTuple):
     total_error: Any = None
     """Estimated error of `total`; None where the method controls its error by itself."""
     psi_error: Any = None
+    """Estimated error of `psi`; None as above."""

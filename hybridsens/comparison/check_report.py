@@ -15,7 +15,9 @@ class GradientCheck(NamedTuple):
     """Outcome of a check; print it."""
 
     parameters: tuple[ParameterCheck, ...]
+    """What was found of the derivative by each parameter."""
     events: tuple[EventCheck, ...]
+    """What was found of each event."""
     causes: tuple[Cause, ...] = ()
     """Likely causes of what is in doubt."""
 

@@ -55,7 +55,9 @@ class Comparison(NamedTuple):
     parameters: tuple[str, ...]
     """Their names, in the order of the gradients."""
     reference: Reference
+    """What the rows are compared with."""
     rows: tuple[Row, ...]
+    """One for each method."""
     interrupted: bool = False
     """Whether Ctrl-C ended the run: the rows are those that were finished."""
 

@@ -39,6 +39,7 @@ class WorkPrecision(NamedTuple):
     """Points of a study. Print it, ask it to `recommend`, or draw it (`hybridsens.plot_work_precision`)."""
 
     points: tuple[Point, ...]
+    """One for each method, solver and tolerance."""
     interrupted: bool = False
     """Whether Ctrl-C ended the run: the points are those that were finished."""
 

@@ -44,7 +44,9 @@ class FitResult(eqx.Module):
     """(residual, parameter) derivative of (residual / sigma) by the parameters, observations first, then event
     times."""
     uncertainty: Uncertainty
+    """How well the parameters are determined."""
     history: list[Iteration]
+    """Every iteration: its loss, where it stood, and why it failed if it did."""
     stopped: str
     """Why the fit ended; "converged" is what one wants."""
     sequence_start: Sequence
@@ -52,6 +54,7 @@ class FitResult(eqx.Module):
     sequence_end: Sequence
     """The same at the end."""
     data: Measurements
+    """What was measured."""
     trajectory: Trajectory | Solution
     """The fitted motion, at the times measured."""
     predictions: np.ndarray

@@ -18,8 +18,11 @@ class RandomStarts(eqx.Module):
     """So many starting points within +-`spread` of the guess, relatively; the guess itself is the first of them."""
 
     count: int = 1
+    """How many."""
     spread: float = 0.3
+    """How far they lie from the guess, relative to it; inside (0, 1)."""
     seed: int = 0
+    """Of the random numbers: the same seed gives the same points."""
 
     def __check_init__(self):
         if self.count < 1 or not 0 < self.spread < 1:

@@ -81,11 +81,13 @@ class Trajectory(eqx.Module):
     cost: Any
     """Integral of the running cost, with its structure; None without one."""
     events: Events
+    """Impacts, captures and releases, in the order of time."""
     mode: Bool[Array, "*batch contact"]
     """Contacts held closed at the end."""
     status: Status
     """`Status.successful`, or what went wrong."""
     steps: Steps
+    """How much work it took."""
     scene_mode: Any = None
     """Mode of a scene with switches at the end; None for others."""
 

@@ -25,6 +25,7 @@ class BallsInBox(ShippedScene):
     speed: Float[Array, ""] = parameter(1.0)
     """Of every ball at the start [m/s]."""
     restitution_coefficient: Float[Array, ""] = parameter(1.0)
+    """e, in [0, 1]"""
 
     def __init__(self, count: int = 3, radius=0.1, side=4.0, speed=1.0, gravity=0.0, restitution_coefficient=1.0):
         self.mass = 1 + 0.2 * jnp.cos(jnp.arange(float(count)))

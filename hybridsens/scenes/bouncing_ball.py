@@ -24,6 +24,7 @@ class BouncingBall(ShippedScene):
     floor: Float[Array, ""] = parameter(0.0)
     """Height of the floor [m]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.8)
+    """e, in [0, 1]"""
 
     def initial_state(self):
         return State(self.height[None], self.velocity[None])

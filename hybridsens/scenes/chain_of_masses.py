@@ -28,6 +28,7 @@ class ChainOfMasses(ShippedScene):
     frequency: Float[Array, ""] = parameter(1.3)
     """Angular frequency of the force [1/s]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.8)
+    """e, in [0, 1]"""
 
     def __init__(self, count: int = 4, clearance=0.6, amplitude=1.0, restitution_coefficient=0.8):
         place = jnp.arange(float(count))

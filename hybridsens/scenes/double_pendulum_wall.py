@@ -31,6 +31,7 @@ class DoublePendulumWall(ShippedScene):
     angle_lower: Float[Array, ""] = parameter(-0.3)
     """Initial angle [rad]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.7)
+    """e, in [0, 1]"""
 
     def initial_state(self):
         return State(jnp.stack([self.angle_upper, self.angle_lower]), jnp.zeros(2))

@@ -26,6 +26,7 @@ class ElasticStop(ShippedScene):
     distance: Float[Array, ""] = parameter(0.6)
     """d, from the rest position to the stop [m]."""
     restitution_coefficient: Float[Array, ""] = parameter(1.0)
+    """e, in [0, 1]"""
 
     def initial_state(self):
         return State(jnp.zeros(1), jnp.zeros(1))

@@ -27,6 +27,7 @@ class FootedBlock(ShippedScene):
     height: Float[Array, ""] = parameter(0.2)
     """Initial height of the feet above the even floor [m]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.0)
+    """e, in [0, 1]"""
 
     def __init__(self, count: int = 4, unevenness=0.0, height=0.2, restitution_coefficient=0.0):
         self.floor = unevenness * jnp.cos(1.7 * jnp.arange(float(count)))

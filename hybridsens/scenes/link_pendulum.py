@@ -26,6 +26,7 @@ class LinkPendulum(ShippedScene):
     angle: Float[Array, ""] = parameter(-0.8)
     """At which the pendulum, stretched out, is let go [rad]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.7)
+    """e, in [0, 1]"""
 
     def __init__(self, count: int = 3, wall=0.5, angle=-0.8, restitution_coefficient=0.7):
         self.mass, self.length = jnp.ones(count), jnp.full(count, 2.0 / count)

@@ -27,6 +27,7 @@ class NewtonsCradle(ShippedScene):
     pulled: Float[Array, ""] = parameter(0.5)
     """How far the first ball is pulled aside [m]."""
     restitution_coefficient: Float[Array, ""] = parameter(1.0)
+    """e, in [0, 1]"""
 
     def __init__(self, count: int = 5, clearance=1e-3, pulled=0.5, restitution_coefficient=1.0):
         self.mass = jnp.ones(count)

@@ -27,6 +27,7 @@ class PendulumWall(ShippedScene):
     angle: Float[Array, ""] = parameter(-1.0)
     """Initial angle [rad]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.8)
+    """e, in [0, 1]"""
 
     def initial_state(self):
         return State(self.angle[None], jnp.zeros(1))

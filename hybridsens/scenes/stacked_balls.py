@@ -27,7 +27,9 @@ class StackedBalls(ShippedScene):
     clearance: Float[Array, ""] = parameter(0.0)
     """Distance of the balls' reference points when they touch [m]."""
     restitution_floor: Float[Array, ""] = parameter(0.9)
+    """e between the lower ball and the floor, in [0, 1]"""
     restitution_balls: Float[Array, ""] = parameter(0.9)
+    """e between the balls, in [0, 1]"""
 
     def initial_state(self):
         return State(jnp.stack([self.height_low, self.height_high]), jnp.zeros(2))

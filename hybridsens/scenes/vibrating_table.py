@@ -21,6 +21,7 @@ class VibratingTable(ShippedScene):
     frequency: Float[Array, ""] = parameter(31.41592653589793)
     """omega [rad/s]"""
     restitution_coefficient: Float[Array, ""] = parameter(0.1)
+    """e, in [0, 1]"""
 
     def initial_state(self):
         return State(jnp.zeros(1), (self.amplitude * self.frequency)[None])

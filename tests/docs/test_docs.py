@@ -53,7 +53,7 @@ def test_every_picture_and_page_that_the_docs_point_to_exists():
 def test_every_public_name_has_its_place_in_the_reference():
     """Each name of the facade is put into a page of the reference by its docstring."""
     text = "\n".join(page.read_text() for page in (DOCS / "reference").glob("*.md"))
-    documented = re.findall(r"^::: hybridsens\.(?:\w+\.)?(\w+)$", text, re.MULTILINE)
+    documented = re.findall(r"^::: hybridsens\.(?:\w+\.)*(\w+)$", text, re.MULTILINE)
     assert sorted(documented) == sorted(hybridsens.__all__)
 
 
@@ -61,7 +61,17 @@ def test_every_public_name_has_its_place_in_the_reference():
 def test_every_public_name_is_used_in_an_example_of_its_page(name):
     """Behind its docstring there is code, which is run with the rest of the page."""
     entry = re.compile(
-        rf"^::: hybridsens\.(?:\w+\.)?{name}\n(?:    [^\n]*\n)*\n```python\n(.*?)```", re.MULTILINE | re.DOTALL
+        rf"^::: hybridsens\.(?:\w+\.)*{name}\n(?:    [^\n]*\n)*\n```python\n(.*?)```", re.MULTILINE | re.DOTALL
     )
     (example,) = [code for page in (DOCS / "reference").glob("*.md") for code in entry.findall(page.read_text())]
     assert f"hs.{name}" in example
+
+
+def test_the_reference_lists_every_status():
+    """With what it means and what to do, as the message says it."""
+    page = (DOCS / "reference" / "motions.md").read_text().lower()
+    rows = [
+        f"| `{name}` | {text}".lower()
+        for name, text in zip(hybridsens.Status.names(), hybridsens.Status.messages(), strict=True)
+    ]
+    assert [row for row in rows if row not in page and "`running`" not in row] == []
