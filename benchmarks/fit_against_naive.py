@@ -32,13 +32,13 @@ from benchmarks.fit_problems import DifferencesProblem, NaiveProblem, like  # no
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.estimation import GrowingHorizon  # noqa: E402
-from hybridsens.estimation.descend import Room, descend  # noqa: E402
+from hybridsens.estimation.descend import Limits, descend  # noqa: E402
 from hybridsens.estimation.growing import Growing  # noqa: E402
-from hybridsens.estimation.iterate import Pace  # noqa: E402
+from hybridsens.estimation.history import Callbacks, GuessFailed  # noqa: E402
+from hybridsens.estimation.iterate import BatchSize  # noqa: E402
 from hybridsens.estimation.least_squares import linearise  # noqa: E402
 from hybridsens.estimation.optimizers import method  # noqa: E402
 from hybridsens.estimation.problem import Problem  # noqa: E402
-from hybridsens.estimation.watch import Audience, GuessFailed  # noqa: E402
 
 
 class Found(NamedTuple):
@@ -52,7 +52,7 @@ def ours(problem: Problem, strategy: GrowingHorizon | None) -> Found:
     """Levenberg-Marquardt as `fit` runs it, on any kind of problem."""
     how, z = method("levenberg-marquardt"), problem.selection.from_values(problem.selection.values(problem.scene))
     how = how if strategy is None else Growing(how, strategy)
-    found = descend(how, problem, z, Room(100, 20), audience=Audience(pace=Pace()))
+    found = descend(how, problem, z, Limits(100, 20), callbacks=Callbacks(batch_size=BatchSize()))
     tried = sum(line.number > 0 for line in found.history)
     return Found(np.asarray(problem.selection.to_values(found.z)), tried)
 

@@ -27,11 +27,11 @@ from benchmarks.fit_motions import SLOWLY  # noqa: E402
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.estimation import measurements, prepare  # noqa: E402
-from hybridsens.estimation.descend import Room, descend  # noqa: E402
-from hybridsens.estimation.iterate import Pace  # noqa: E402
+from hybridsens.estimation.descend import Limits, descend  # noqa: E402
+from hybridsens.estimation.history import Callbacks  # noqa: E402
+from hybridsens.estimation.iterate import BatchSize  # noqa: E402
 from hybridsens.estimation.optimizers import method  # noqa: E402
 from hybridsens.estimation.problem import Problem  # noqa: E402
-from hybridsens.estimation.watch import Audience  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
 from tests.problems.stop_record import TRUTH, positions  # noqa: E402
 
@@ -76,7 +76,7 @@ def problem(harmonics: int, seed: int) -> Problem:
 def by_gradients(problem: Problem) -> Found:
     """L-BFGS on the adjoint's gradient."""
     z = problem.selection.from_values(problem.selection.values(problem.scene))
-    done = descend(method("lbfgs"), problem, z, Room(200, 30), audience=Audience(pace=Pace()))
+    done = descend(method("lbfgs"), problem, z, Limits(200, 30), callbacks=Callbacks(batch_size=BatchSize()))
     return Found(np.asarray(problem.selection.to_values(done.z)), len(done.history) - 1)
 
 

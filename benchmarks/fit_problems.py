@@ -33,7 +33,7 @@ class DifferencesProblem(Problem):
         def _(primals, tangents):
             (z,), (direction,) = primals, tangents
             r, trial = Problem.residuals(self, z, Replay())
-            same_part = self.begun(trial.end)
+            same_part = self.at_stage_end(trial.end)
             ahead, there = Problem.residuals(same_part, z + self.step * direction, Replay())
             behind = r
             if self.central:

@@ -20,7 +20,7 @@ import numpy as np  # noqa: E402
 
 from benchmarks.sweep_problems import Ball  # noqa: E402
 from hybridsens.sweeps.engine import Engine, Program  # noqa: E402
-from hybridsens.sweeps.lane import Wanted  # noqa: E402
+from hybridsens.sweeps.point import Wanted  # noqa: E402
 
 HORIZON = 10.0
 

@@ -92,7 +92,7 @@ def simulate(
       impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
       `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
-    - `throw`: raise if the motion does not reach t1; with False, look at `.status` (per lane of a batch). A motion that
+    - `throw`: raise if the motion does not reach t1; with False, look at `.status` (one each in a batch). A motion that
       broke off returns the state where it did, with the gradient of that state: one that could not begin has gradient
       0, which an optimiser takes for a stationary point. "nan" makes value and gradient of such a motion nan instead.
     - `progress`: show on a terminal for how long it compiles and runs.

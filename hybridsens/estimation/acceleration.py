@@ -13,7 +13,7 @@ _LARGEST = 0.75
 """Steps that would bend more than this, relatively, stay straight: they reach beyond what a parabola says."""
 
 
-def bent(
+def geodesic(
     problem, z: Float[Array, "unknown"], step: Float[Array, "unknown"], r: Float[Array, "residual"],
     jacobian: Float[Array, "residual unknown"], damping: Float[Array, ""], wanted: Bool[Array, ""],
 ) -> Float[Array, "unknown"]:  # fmt: skip

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .data import Measurements
-from .descend import Descent
+from .descend import Run
 from .growing import Growing
+from .history import event_sequence
 from .iterate import iterate
 from .least_squares import linearise
 from .motions import event_rows
@@ -18,14 +19,13 @@ from .problem import Problem, predict
 from .result import FitResult
 from .starts import Starts
 from .uncertainty import Noise, uncertainty
-from .watch import event_sequence
 
 _EXACT = 1e-7
 """Residuals of so small a part of the data's range are errors of the computation (its tolerance is 1e-8), no noise."""
 
 
 def build_result(
-    how: Method | Growing, problem: Problem, data: Measurements, guess, descents: Sequence[Descent],
+    how: Method | Growing, problem: Problem, data: Measurements, guess, descents: Sequence[Run],
     starts: Starts | None,
 ) -> FitResult:  # fmt: skip
     """The result of the last of these descents; the ones before it were stages."""

@@ -1,4 +1,4 @@
-"""The loop: iterate, watch, remember. It runs in Python, so that it can be watched, interrupted and resumed."""
+"""The loop of a fit. It runs in Python, so that it can be watched, interrupted and resumed."""
 
 from typing import NamedTuple
 
@@ -6,13 +6,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .growing import Growing
-from .iterate import Pace
+from .history import INTERRUPTED, STOPPED, Callbacks, History, Iteration, Sequence
+from .iterate import BatchSize
 from .optimizers import Method
 from .outcome import Outcome
-from .watch import INTERRUPTED, STOPPED, Audience, Iteration, Sequence, Watch
 
 
-class Room(NamedTuple):
+class Limits(NamedTuple):
     """When a run ends that does not converge."""
 
     iterations: int
@@ -21,7 +21,7 @@ class Room(NamedTuple):
     """Iterations in a row that do not improve the best loss by a millionth."""
 
 
-class Descent(NamedTuple):
+class Run(NamedTuple):
     """Where a run of an optimizer ended."""
 
     z: Float[Array, "unknown"]
@@ -37,40 +37,41 @@ class Descent(NamedTuple):
     """False if it was ended by hand in a stage, before the whole problem had begun."""
 
     @property
-    def by_hand(self) -> bool:
+    def interrupted(self) -> bool:
         """Whether somebody ended it."""
         return self.stopped in (INTERRUPTED, STOPPED)
 
 
 def descend(
-    method: Method | Growing, problem, z, room: Room, audience: Audience = Audience(), stages: bool = True  # noqa: B008
-) -> Descent:
+    method: Method | Growing, problem, z, limits: Limits, callbacks: Callbacks = Callbacks(), stages: bool = True  # noqa: B008
+) -> Run:
     """Iterate until the optimizer converges or stalls, or something else ends it; the best point is kept throughout.
 
     Without `stages` the whole problem comes at once.
     Raises: GuessFailed if the first point cannot be evaluated.
     """
-    pace, watch, stopped = audience.pace or Pace(1), Watch(z, audience), ""
-    done = pace.run(method, problem, method.begin(z, stages=stages), room.iterations + 1)
+    batch_size, history, stopped = callbacks.batch_size or BatchSize(1), History(z, callbacks), ""
+    done = batch_size.run(method, problem, method.begin(z, stages=stages), limits.iterations + 1)
     try:
         while not stopped:
             for outcome in done.outcomes:
-                stopped = stopped or watch.see(outcome) or _ended(outcome, watch, room)
+                stopped = stopped or history.see(outcome) or _ended(outcome, history, limits)
             if not stopped:
-                done = pace.run(method, problem, done.carry, room.iterations + (-watch.number if watch.whole else 1))
+                left = limits.iterations + (-history.number if history.whole else 1)
+                done = batch_size.run(method, problem, done.carry, left)
     except KeyboardInterrupt:
         stopped = INTERRUPTED
-    z = jnp.asarray(watch.z)  # once: to the host and back takes longer than some iterations
-    return Descent(z, watch.loss, watch.history, watch.first, watch.best, stopped, watch.whole)
+    z = jnp.asarray(history.z)  # once: to the host and back takes longer than some iterations
+    return Run(z, history.loss, history.lines, history.first, history.best, stopped, history.whole)
 
 
-def _ended(outcome: Outcome, watch: Watch, room: Room) -> str:
+def _ended(outcome: Outcome, history: History, limits: Limits) -> str:
     if bool(outcome.in_stage):
         return ""
     if bool(outcome.converged):
         return "converged"
     if bool(outcome.stalled):
         return "stalled"
-    if watch.idle >= room.patience:
+    if history.idle >= limits.patience:
         return "no improvement"
-    return "max_iterations" if watch.number >= room.iterations else ""
+    return "max_iterations" if history.number >= limits.iterations else ""

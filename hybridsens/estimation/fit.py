@@ -15,10 +15,11 @@ from ..waiting import waiting
 from . import prepare
 from .assemble import build_result
 from .data import Measurements
-from .descend import Descent, Room, descend
+from .descend import Limits, Run, descend
 from .growing import Growing
+from .history import Callbacks, GuessFailed, Iteration
 from .horizon import GrowingHorizon
-from .iterate import Pace
+from .iterate import BatchSize
 from .optimizers import Method, method
 from .parameters import Bounds
 from .problem import Problem
@@ -26,7 +27,6 @@ from .result import FitResult
 from .starts import RandomStarts, Starts, descend_from_all, spread_starts
 from .store import Store
 from .tables import read_measurements
-from .watch import Audience, GuessFailed, Iteration
 
 
 def fit(
@@ -110,11 +110,11 @@ def fit(
     with ExitStack() as until_first_line:
         until_first_line.enter_context(waiting("compiling", bool(progress)))
         listener = _listener(progress, until_first_line.close)
-        audience = Audience(listener, keeper, Pace() if listener is None else Pace(1))
+        callbacks = Callbacks(listener, keeper, BatchSize() if listener is None else BatchSize(1))
         if starts.count > 1 and kept is None:
             several, z = _from_many(how, problem, spread_starts(problem, z, starts), max_iterations)
             how = plain
-        descents = _to_the_end(how, problem, z, Room(max_iterations, patience), audience)
+        descents = _to_the_end(how, problem, z, Limits(max_iterations, patience), callbacks)
     return build_result(how, problem, measured, guess, descents, several)
 
 
@@ -139,13 +139,13 @@ def _from_many(how: Method | Growing, problem: Problem, zs, max_iterations: int)
     return several, several.z[jnp.argmin(several.loss)]
 
 
-def _to_the_end(how: Method | Growing, problem: Problem, z, room: Room, audience: Audience) -> list[Descent]:
+def _to_the_end(how: Method | Growing, problem: Problem, z, limits: Limits, callbacks: Callbacks) -> list[Run]:
     """All descents, with that on the whole record; if stages were ended by hand before it, only what it needs to
     report."""
-    first = descend(how, problem, z, room, audience)
+    first = descend(how, problem, z, limits, callbacks)
     if first.whole:
         return [first]
-    last = descend(how, problem, first.z, Room(0, 1), audience, stages=False)
+    last = descend(how, problem, first.z, Limits(0, 1), callbacks, stages=False)
     return [first, last._replace(stopped=first.stopped)]
 
 

@@ -15,7 +15,7 @@ from .outcome import Outcome
 from .problem import Problem
 
 
-class Standing(NamedTuple):
+class StageState(NamedTuple):
     """Where the stages stand."""
 
     inner: Any
@@ -46,32 +46,32 @@ class Growing(eqx.Module):
         return self.method.least_squares
 
     @eqx.filter_jit
-    def begin(self, z, damping: float | Array = FAR, stages: bool = True) -> Standing:
+    def begin(self, z, damping: float | Array = FAR, stages: bool = True) -> StageState:
         """Before anything was evaluated; without `stages` the whole problem comes at once."""
         end, infinite = jnp.asarray(-jnp.inf if stages else jnp.inf, z.dtype), jnp.asarray(jnp.inf, z.dtype)
         none = jnp.array(0)
-        return Standing(self.method.begin(z, damping), end, jnp.array(stages), z, infinite, none, none, z)
+        return StageState(self.method.begin(z, damping), end, jnp.array(stages), z, infinite, none, none, z)
 
-    def step(self, problem: Problem, standing: Standing) -> tuple[Standing, Outcome, Any]:
+    def step(self, problem: Problem, state: StageState) -> tuple[StageState, Outcome, Any]:
         """One step of the optimizer on the present stage, or the first evaluation of the next one if that is over.
 
         A stage whose first motion fails is left out.
         """
-        begins, growth = standing.over, self.growth
-        standing = self._beginning(standing)
-        stage = Stage(growth, standing.anchor, standing.end, begins)
-        inner, outcome, linearised = self.method.step(dataclasses.replace(problem, stage=stage), standing.inner)
-        better = outcome.accepted & ~outcome.trial.failed & (outcome.loss <= standing.loss)
+        begins, growth = state.over, self.growth
+        state = self._beginning(state)
+        stage = Stage(growth, state.anchor, state.end, begins)
+        inner, outcome, linearised = self.method.step(dataclasses.replace(problem, stage=stage), state.inner)
+        better = outcome.accepted & ~outcome.trial.failed & (outcome.loss <= state.loss)
         z, loss = (jnp.where(better, new, old) for new, old in
-                   ((outcome.z, standing.z), (outcome.loss, standing.loss)))  # fmt: skip
-        trials, taken = standing.trials + ~outcome.first, standing.taken + (outcome.accepted & ~outcome.first)
+                   ((outcome.z, state.z), (outcome.loss, state.loss)))  # fmt: skip
+        trials, taken = state.trials + ~outcome.first, state.taken + (outcome.accepted & ~outcome.first)
         over = outcome.in_stage & (outcome.ends | (taken >= growth.steps) | (trials >= growth.trials))
-        new = Standing(inner, outcome.trial.end, jnp.asarray(over), z, loss, trials, taken, standing.anchor)
+        new = StageState(inner, outcome.trial.end, jnp.asarray(over), z, loss, trials, taken, state.anchor)
         return new, outcome, linearised
 
-    def _beginning(self, standing: Standing) -> Standing:
+    def _beginning(self, state: StageState) -> StageState:
         """The same, or with a new optimizer at the best point if a stage is over."""
-        damping = jnp.where(jnp.isneginf(standing.end), FAR, NEAR)
-        new = self.begin(standing.z, damping)._replace(end=standing.end, anchor=standing.anchor)
-        fresh = lambda new, old: jnp.where(standing.over, new, old) if eqx.is_array(old) else old
-        return jax.tree.map(fresh, new, standing)
+        damping = jnp.where(jnp.isneginf(state.end), FAR, NEAR)
+        new = self.begin(state.z, damping)._replace(end=state.end, anchor=state.anchor)
+        fresh = lambda new, old: jnp.where(state.over, new, old) if eqx.is_array(old) else old
+        return jax.tree.map(fresh, new, state)

@@ -104,7 +104,7 @@ class Stage(eqx.Module):
         following = self.growth.next(problem, lax.stop_gradient(seen), self.end)
         return jnp.where(self.begins, following, self.end)
 
-    def pull(self, problem: Measured, z, end) -> Float[Array, "parameter"]:
+    def anchor_residuals(self, problem: Measured, z, end) -> Float[Array, "parameter"]:
         """Residuals that hold z near the guess; 0 in the whole problem."""
         weight = self.growth.anchor_weight * problem.sigma_unit
         return jnp.where(jnp.isposinf(end), 0, (z - self.anchor) * weight)

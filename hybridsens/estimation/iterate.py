@@ -29,7 +29,7 @@ class Iterations(NamedTuple):
     """Residuals and Jacobian at the last trial point; None for an optimizer that has none."""
 
 
-class Pace:
+class BatchSize:
     """How many iterations one call makes: as many as a tenth of a second holds, so that Ctrl-C is heard."""
 
     def __init__(self, most: int = MOST):

@@ -10,7 +10,7 @@ import optimistix
 from jaxtyping import Array, Bool, Float
 
 from ..adjoint.methods import ForwardSensitivities
-from .acceleration import bent
+from .acceleration import geodesic
 from .outcome import Outcome
 from .problem import Trial
 
@@ -138,7 +138,7 @@ def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry):
         first=state.first_step, trial=trial,
     )  # fmt: skip
     if isinstance(solver, LevenbergMarquardt):
-        new = _with_bent_step(problem, new, outcome, r, jacobian)
+        new = _with_geodesic_step(problem, new, outcome, r, jacobian)
     return Carry(z, new, carry.damping), outcome, (r, jacobian)
 
 
@@ -148,12 +148,12 @@ def _punished(trial: Trial, state, r, jacobian):
     return jnp.where(trial.failed, penalty, r), jnp.where(trial.failed, 0, jacobian)
 
 
-def _with_bent_step(problem, state, outcome: Outcome, r, jacobian):
-    """The solver's state with the next trial point on a bent step, after one was taken: r and J are those at z then."""
+def _with_geodesic_step(problem, state, outcome: Outcome, r, jacobian):
+    """The solver's state with the next trial point on a geodesic step, after one was taken: r and J are then at z."""
     z, trial = outcome.z, outcome.trial
     go_on = outcome.accepted & ~trial.failed & ~outcome.converged
     damping = 1 / state.search_state.step_size
-    move = bent(problem.begun(trial.end), z, state.y_eval - z, r, jacobian, damping, go_on)
+    move = geodesic(problem.at_stage_end(trial.end), z, state.y_eval - z, r, jacobian, damping, go_on)
     return eqx.tree_at(lambda state: state.y_eval, state, z + move)
 
 

@@ -90,12 +90,12 @@ class Problem(eqx.Module):
         end = jnp.full_like(self.horizon, jnp.inf) if stage is None else stage.chosen_end(self, seen)
         r = self.limited(jnp.concatenate([self._sample_residuals(seen, end), self._event_residuals(events, end)]))
         prior = (self.selection.to_values(z) - self.prior.mean) * self.prior.weight
-        r = jnp.concatenate([r, prior, *([] if stage is None else [stage.pull(self, z, end)])])
+        r = jnp.concatenate([r, prior, *([] if stage is None else [stage.anchor_residuals(self, z, end)])])
         stopped = (trajectory.status != Status.successful) & ~(end < self.motion_end)
         kind, contact = (jnp.where(events.time <= end, row, -1) for row in (events.kind, events.contact))
         return r, Trial(stopped | ~jnp.all(jnp.isfinite(r)), trajectory.status, kind, contact, end)
 
-    def begun(self, end) -> "Problem":
+    def at_stage_end(self, end) -> "Problem":
         """The same problem; a stage is one that ends there, whatever a motion shows."""
         if self.stage is None:
             return self

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from .watch import Sequence
+from .history import Sequence
 
 _EXACT = 1e-6
 """Residuals smaller than this part of the data are rounding, and alike from sample to sample."""

@@ -11,11 +11,11 @@ from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 from .data import Measurements
 from .dataset import fit_dataset
+from .history import INTERRUPTED, Iteration, Sequence
 from .plot import plot_fit
 from .report import report
 from .starts import Starts
 from .uncertainty import Uncertainty, half_width, neighbour_correlation, weak_directions
-from .watch import INTERRUPTED, Iteration, Sequence
 
 
 class FitResult(eqx.Module):

@@ -59,10 +59,10 @@ def descend_from_all(
 ) -> Starts:
     """All starts in one compiled call: on a CPU one after the other, elsewhere all at once.
 
-    On a CPU a batch that waits for its slowest lane would do several times the work.
+    On a CPU a batch that waits for its slowest element would do several times the work.
     """
-    lane = lambda z: _descend(method, problem, z, iterations)
-    return lax.map(lane, zs) if jax.default_backend() == "cpu" else jax.vmap(lane)(zs)
+    from_one = lambda z: _descend(method, problem, z, iterations)
+    return lax.map(from_one, zs) if jax.default_backend() == "cpu" else jax.vmap(from_one)(zs)
 
 
 class _Running(NamedTuple):

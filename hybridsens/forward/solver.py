@@ -68,7 +68,7 @@ def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, size: 
     forward, "bounded" where the step is differentiated.
     """
     if isinstance(solver, diffrax.AbstractERK):
-        # Elsewhere than on a CPU the lanes of a batch go through every branch: one more would only be a burden.
+        # Elsewhere than on a CPU the elements of a batch go through every branch: one more would only be a burden.
         short = size.unconstrained is not None and size.unconstrained <= UNROLLED_OPERATIONS
         unconstrained = ExplicitRungeKutta(solver, True) if short and jax.default_backend() == "cpu" else None
         return ExplicitRungeKutta(solver, size.whole <= UNROLLED_OPERATIONS, unconstrained)

@@ -1,6 +1,6 @@
 """Tangents of one function in several directions: what they share is computed once.
 
-The Jacobian of a motion is one tangent pass under `jax.vmap`, with one lane for each direction. Left alone, XLA puts
+The Jacobian of a motion is one tangent pass under `jax.vmap`, with an element for each direction. Left alone, XLA puts
 what the directions share (a cosine of the force, say) into the arithmetic of every one of them.
 """
 

@@ -4,7 +4,7 @@
     dataset = sweep(cost, design, store="map.zarr")
     plot_sweep(dataset)
 
-`designs.py` chooses the points, `lane.py` runs one of them, `engine.py` many, `run.py` all, chunk by chunk.
+`designs.py` chooses the points, `point.py` runs one of them, `engine.py` many, `run.py` all, chunk by chunk.
 """
 
 from .dataset import gradients as gradients

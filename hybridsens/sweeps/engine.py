@@ -12,9 +12,9 @@ import numpy as np
 from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from .lane import Wanted, evaluate
+from .point import Wanted, evaluate
 
-LANE = "lane"
+BATCH_AXIS = "batch"
 
 # One point as a program of its own: shapes, fingerprint and batches share what was traced, in this sweep and the next.
 evaluate_once = eqx.filter_jit(evaluate)
@@ -30,22 +30,22 @@ class Program(NamedTuple):
 
 
 class Engine:
-    """Runs batches of points. `run` takes columns (lane, ...) and returns results (lane, ...), both as NumPy arrays.
+    """Runs batches of points. `run` takes columns (point, ...) and returns results (point, ...), both as NumPy arrays.
 
-    On a CPU each device runs its lanes one after the other (`lax.map`), so that no lane waits for another; elsewhere
-    all lanes of a device run in step (`jax.vmap`). A batch that does not fit into memory is halved, with a warning,
+    On a CPU each device runs its points one after the other (`lax.map`), so that no point waits for another; elsewhere
+    all points of a device run in step (`jax.vmap`). A batch that does not fit into memory is halved, with a warning,
     and stays halved.
     """
 
     def __init__(self, program: Program, batch: int, devices: Sequence[Any] | None, mapped: bool | None):
         devices = list(jax.devices() if devices is None else devices)
         self.program = program
-        self.mesh = Mesh(np.array(devices), (LANE,))
+        self.mesh = Mesh(np.array(devices), (BATCH_AXIS,))
         self.mapped = devices[0].platform == "cpu" if mapped is None else mapped
         self.batch = _multiple(batch, len(devices))
 
     def run(self, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """All lanes, in as many batches as memory needs."""
+        """All points, in as many batches as memory needs."""
         size, parts, start = len(next(iter(columns.values()))), [], 0
         while start < size:
             batch = min(self.batch, _multiple(size, self.mesh.size))
@@ -62,14 +62,14 @@ class Engine:
         given = len(next(iter(columns.values())))
         order = self._order(batch)
         rows = np.minimum(order, given - 1)  # a batch is filled up with its last point, so that its shape never changes
-        sharding = NamedSharding(self.mesh, PartitionSpec(LANE))
+        sharding = NamedSharding(self.mesh, PartitionSpec(BATCH_AXIS))
         sharded = {name: jax.device_put(column[rows], sharding) for name, column in columns.items()}
         results = _run(self.program.cost, self.program.scene, self.program.wanted, sharded, self.mesh, self.mapped)
         back = np.argsort(order)[:given]
         return {name: np.asarray(result)[back] for name, result in jax.block_until_ready(results).items()}
 
     def _order(self, batch):
-        """Mapped lanes are dealt out like cards: devices get equal work where it varies smoothly over the points.
+        """Mapped points are dealt out like cards: devices get equal work where it varies smoothly over the points.
 
         Lanes that run in step stay beside their neighbours, which take about as long as they do."""
         order = np.arange(batch)
@@ -96,12 +96,12 @@ def _run(cost, scene, wanted: Wanted, columns, mesh: Mesh, mapped: bool):
 
     def shard(arrays, columns):
         cost, scene = eqx.combine(arrays, static)
-        lane = functools.partial(evaluate_once, cost, scene, wanted)
-        return lax.map(lane, columns) if mapped else jax.vmap(lane)(columns)
+        point = functools.partial(evaluate_once, cost, scene, wanted)
+        return lax.map(point, columns) if mapped else jax.vmap(point)(columns)
 
-    everywhere, by_lane = PartitionSpec(), PartitionSpec(LANE)
+    everywhere, by_point = PartitionSpec(), PartitionSpec(BATCH_AXIS)
     # Without following what varies over the mesh: Diffrax's loops begin with constants, which vary over nothing.
-    sharded = jax.shard_map(shard, mesh=mesh, in_specs=(everywhere, by_lane), out_specs=by_lane, check_vma=False)
+    sharded = jax.shard_map(shard, mesh=mesh, in_specs=(everywhere, by_point), out_specs=by_point, check_vma=False)
     return sharded(arrays, columns)
 
 

@@ -10,7 +10,7 @@ from ..mechanics.mode import EventKind
 from ..parameters import parameters
 from ..status import Status
 from .designs import Design
-from .lane import NOT_COMPUTED, status_names
+from .point import NOT_COMPUTED, status_names
 
 _MEANING = {
     "J": "cost",
@@ -50,21 +50,21 @@ class Variable(NamedTuple):
         return np.nan if self.dtype.kind == "f" else self.dtype.type(NOT_COMPUTED)
 
 
-def variables(design: Design, lane: dict[str, jax.ShapeDtypeStruct], units: Mapping[str, str]) -> dict[str, Variable]:
+def variables(design: Design, point: dict[str, jax.ShapeDtypeStruct], units: Mapping[str, str]) -> dict[str, Variable]:
     """The results, in the order in which a reader wants to see them.
 
     Raises ValueError for units of what is not there, and for a parameter that has the name of a result.
     """
     derivatives = [f"dJ_d{name}" for name in parameters(design.scene)]
-    states = sorted(name for name in lane if _is_state(name))
-    names = [name for name in dict.fromkeys(("J", *derivatives, *_MEANING, *states)) if name in lane]
+    states = sorted(name for name in point if _is_state(name))
+    names = [name for name in dict.fromkeys(("J", *derivatives, *_MEANING, *states)) if name in point]
     clash = set(design.columns) & {*names, *(dim for name in names for dim in _INNER.get(name, ()))}
     if clash:
         raise ValueError(f"The parameters must not have the names of results, but {', '.join(sorted(clash))} has.")
     unknown = set(units) - set(names) - set(design.columns) - set(parameters(design.scene))
     if unknown:
         raise ValueError(f"`units` must be of parameters or results, but has {', '.join(sorted(unknown))}.")
-    return {name: _variable(name, lane[name], design, units) for name in names}
+    return {name: _variable(name, point[name], design, units) for name in names}
 
 
 def coordinates(

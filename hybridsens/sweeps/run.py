@@ -12,8 +12,8 @@ from .dataset import from_memory, from_store
 from .designs import Design, batch
 from .engine import Engine, Program, shapes
 from .fingerprint import program_digest
-from .lane import Wanted
 from .layout import coordinates, variables
+from .point import Wanted
 from .progress import print_statuses, progress_bar
 from .store import MemoryStore, ZarrStore, open_or_create
 from .tiles import points_in, tile_shape, tiles
@@ -54,7 +54,7 @@ def sweep(
       when called again with the same store. Without it, results are held in memory.
     - `chunk`: points run and written at once.
     - `devices`: all of `jax.devices()` by default. `hybridsens.configure(host_devices=8)` shows a CPU as 8 devices.
-    - `mapped`: run a device's lanes one after the other (default on a CPU) or in step (default elsewhere).
+    - `mapped`: run a device's points one after the other (default on a CPU) or in step (default elsewhere).
     - `client`: a `dask.distributed` client; needs a `store` that all workers reach.
     - `units`: units by the name of a parameter or result, for the attributes of the Dataset.
     - `progress`: show a bar, and a table of statuses at the end. Ctrl-C ends the sweep and keeps the chunks that are

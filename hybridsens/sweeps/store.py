@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from .lane import NOT_COMPUTED
 from .layout import Variable
+from .point import NOT_COMPUTED
 
 _MARK = "hybridsens_sweep"
 _READY = "ready"
@@ -54,7 +54,7 @@ class ZarrStore:
 
 
 def write_tile(arrays, tile: Mapping[str, slice], results: Mapping[str, np.ndarray]) -> None:
-    """Write results (lane, ...) of one tile, `status` last."""
+    """Write results (point, ...) of one tile, `status` last."""
     where = tuple(tile.values())
     lengths = [cut.stop - cut.start for cut in where]
     for name in (*(name for name in results if name != "status"), "status"):

@@ -67,7 +67,7 @@ def test_a_stage_compares_and_counts_only_what_comes_before_its_end():
     r, trial = begins.residuals(z, Replay())
     assert trial.end == times[11] and int(np.sum(trial.kind >= 0)) == 1 and not trial.failed
     np.testing.assert_allclose(r, 0, atol=1e-7)
-    begun, there = begins.begun(trial.end).residuals(z, Replay())
+    begun, there = begins.at_stage_end(trial.end).residuals(z, Replay())
     np.testing.assert_allclose(begun, r, atol=1e-7)
     np.testing.assert_array_equal(there.kind, trial.kind)
     assert np.sum(np.abs(problem.residuals(z, Replay())[0]) > 0.05) == 9

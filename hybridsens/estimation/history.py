@@ -1,11 +1,11 @@
-"""What a run of an optimizer remembers and tells: its history, its best point, its event sequences."""
+"""What a run of an optimizer remembers and tells: its iterations, its best point, its event sequences."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .iterate import Pace
+from .iterate import BatchSize
 from .motions import KINDS, EventRows
 from .outcome import Outcome
 from .problem import Trial
@@ -41,14 +41,14 @@ class Iteration(NamedTuple):
     """The trial point was taken, and its event sequence is another one than before."""
 
 
-class Audience(NamedTuple):
+class Callbacks(NamedTuple):
     """Who hears of every iteration."""
 
     callback: Callable[[Iteration], Any] | None = None
     """Stops the run by returning True."""
     store: Store | None = None
     """Keeps the best point on disk."""
-    pace: Pace | None = None
+    batch_size: BatchSize | None = None
     """How many iterations pass between two looks; by default one."""
 
 
@@ -64,12 +64,12 @@ def failure(trial: Trial) -> str:
     return trial.status.message or "a residual or its derivative is not finite."
 
 
-class Watch:
+class History:
     """Remembers the history of one run, and the best point of its present stage."""
 
-    def __init__(self, z, audience: Audience):
-        self.audience = audience
-        self.z, self.loss, self.history = z, float("inf"), []
+    def __init__(self, z, callbacks: Callbacks):
+        self.callbacks = callbacks
+        self.z, self.loss, self.lines = z, float("inf"), []
         self.stage, self.number, self.idle = "", 0, 0
         self.first = self.best = self.last = ()
 
@@ -107,7 +107,7 @@ class Watch:
         return self._tell(outcome, self.first, changed=False)
 
     def _no_motion(self, why: str) -> str:
-        if not self.history:
+        if not self.lines:
             return f"The guess must have a motion that reaches its end, but at it {why}"
         return (
             f"The stages before the whole record must end at a motion that reaches its end, but after {self.stage} "
@@ -115,8 +115,8 @@ class Watch:
         )
 
     def _keep(self) -> None:
-        if self.audience.store is not None:
-            self.audience.store.write(self.z)
+        if self.callbacks.store is not None:
+            self.callbacks.store.write(self.z)
 
     def _tell(self, outcome: Outcome, sequence: Sequence, changed: bool) -> str:
         why = failure(outcome.trial) if bool(outcome.trial.failed) else ""
@@ -124,6 +124,6 @@ class Watch:
             self.stage, self.number, float(outcome.loss), float(outcome.gradient_norm),
             bool(outcome.first | outcome.accepted), why, len(sequence), changed,
         )  # fmt: skip
-        self.history.append(line)
-        callback = self.audience.callback
+        self.lines.append(line)
+        callback = self.callbacks.callback
         return STOPPED if callback is not None and callback(line) else ""
