@@ -20,7 +20,7 @@ def work_precision(
     output: Annotated[Path | None, typer.Option(help="Picture. Default: work-precision-SCENE.png here.")] = None,
     store: Annotated[
         Path | None,
-        typer.Option(help="Points, .csv or .parquet; those in it are kept. Default: new ones, beside the picture."),
+        typer.Option(help="Points, a .csv file; those in it are kept. Default: new ones, beside the picture."),
     ] = None,
 ) -> None:
     """Errors of J and of its gradient against time per gradient, and the setting to choose. Ctrl-C keeps the points."""

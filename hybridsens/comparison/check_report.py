@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from ..export.columns import name_and_numbers, wrapped
 from ..export.html import preformatted
 from .check_causes import Cause, ParameterCheck
 from .check_events import EventCheck
@@ -36,9 +37,9 @@ class GradientCheck(NamedTuple):
 
 def format_check(check: GradientCheck) -> str:
     """One line for each parameter and for each event, and a last line that sums up."""
-    width = max(len(entry.parameter) for entry in check.parameters) + 2
-    columns = f"{'adjoint':>18}{'forward':>18}{'differences':>18}{'+-':>9}{'reference':>18}"
-    lines = [f"{'gradient by':{width}}{columns}"]
+    width = max(len("dJ/d"), *(len(entry.parameter) for entry in check.parameters)) + 2
+    columns = f"{'adjoint':>16}{'forward':>16}{'differences':>16}{'+-':>9}{'reference':>16}"
+    lines = [name_and_numbers("dJ/d", columns, width)]
     lines += [_parameter_line(entry, width) for entry in check.parameters]
     lines += ["", EVENTS] if check.events else []
     lines += [_event_line(entry) for entry in check.events]
@@ -46,23 +47,25 @@ def format_check(check: GradientCheck) -> str:
     events = [entry.label for entry in check.events if entry.verdict]
     if check.ok:
         return "\n".join([*lines, "", "All agree."])
-    doubt = f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}."
+    doubt = wrapped(f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}.", 4)
     return "\n".join([*lines, "", doubt, *map(_cause_line, check.causes)])
 
 
 def _parameter_line(entry: ParameterCheck, width: int) -> str:
-    numbers = "".join(f"{slope:>18.10g}" for slope in (entry.adjoint, entry.forward, entry.differences))
-    between = f"{entry.uncertainty:>9.1e}{entry.reference:>18.10g}"
-    return f"{entry.parameter:{width}}{numbers}{between}  {entry.verdict}".rstrip()
+    numbers = "".join(f"{slope:>16.9g}" for slope in (entry.adjoint, entry.forward, entry.differences))
+    numbers += f"{entry.uncertainty:>9.1e}{entry.reference:>16.9g}"
+    return name_and_numbers(entry.parameter, numbers, width, entry.verdict)
 
 
 def _event_line(entry: EventCheck) -> str:
-    return (
-        f"{entry.label:>7}{entry.time:>13.6f}{entry.kind.name.lower():>9}{entry.contact:>8}"
-        f"{entry.closing_speed:>14.4g}{entry.determinant:>13.6g}{entry.expected:>13.6g}  {entry.verdict}"
-    ).rstrip()
+    numbers = (
+        f"{entry.time:>13.6f}{entry.kind.name.lower():>9}{entry.contact:>8}"
+        f"{entry.closing_speed:>14.4g}{entry.determinant:>13.6g}{entry.expected:>13.6g}"
+    )
+    return name_and_numbers(f"{entry.label:>7}", numbers, 7, entry.verdict)
 
 
 def _cause_line(cause: Cause) -> str:
     where = (", ".join(cause.parameters), f"events {', '.join(cause.events)}" if cause.events else "")
-    return f"Likely cause for {'; '.join(filter(None, where))}: {cause.reason}. What to do: {cause.remedy}."
+    text = f"Likely cause for {'; '.join(filter(None, where))}: {cause.reason}. What to do: {cause.remedy}."
+    return wrapped(text, 4)

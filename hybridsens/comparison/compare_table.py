@@ -7,15 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..export.columns import TERMINAL, name_and_numbers, wrapped
 from ..export.html import preformatted
 
 COLUMNS = (
     "value", "value_error", "gradient_error", "forward_seconds", "gradient_seconds", "compile_seconds", "peak_memory",
 )  # fmt: skip
-GRADIENTS_BESIDE = 5
-"""How many gradients stand beside each other."""
-
-
 HEAD = f"{'value':>14}{'value err':>11}{'gradient err':>13}{'forward':>11}{'gradient':>11}{'compile':>9}{'memory':>10}"
 
 
@@ -81,7 +78,9 @@ def format_comparison(comparison: Comparison) -> str:
     """Two tables of plain text: the methods with their errors and costs, and the entries of their gradients."""
     reference = comparison.reference
     width = max([len(row.method) for row in comparison.rows], default=0) + 6
-    lines = [f"{'':{width}}{HEAD}", f"{'    reference':{width}}{reference.value:>14.9g}"]
+    beside = width + len(HEAD) <= TERMINAL
+    lines = [name_and_numbers("", HEAD, width).lstrip("\n")]
+    lines += [f"{'    reference':{width if beside else TERMINAL - len(HEAD)}}{reference.value:>14.9g}"]
     lines += [_method_line(number, row, width) for number, row in enumerate(comparison.rows, 1)]
     if comparison.interrupted:
         lines.append("    (interrupted: the remaining methods were not run)")
@@ -91,21 +90,23 @@ def format_comparison(comparison: Comparison) -> str:
 def _method_line(number: int, row: Row, width: int) -> str:
     name = f"{number:>2}  {row.method}"
     if row.failure:
-        return f"{name:{width}}  failed: {row.failure}"
+        return wrapped(f"{name}  failed: {row.failure}", 4)
     memory = "" if np.isnan(row.peak_memory) else _bytes(row.peak_memory)
-    return (
-        f"{name:{width}}{row.value:>14.9g}{row.value_error:>11.1e}{row.gradient_error:>13.1e}"
+    numbers = (
+        f"{row.value:>14.9g}{row.value_error:>11.1e}{row.gradient_error:>13.1e}"
         f"{_time(row.forward_seconds):>11}{_time(row.gradient_seconds):>11}{row.compile_seconds:>7.1f} s{memory:>10}"
     )
+    return name_and_numbers(name, numbers, width)
 
 
 def _gradient_lines(comparison: Comparison):
     """Gradient by parameter, a few methods beside each other."""
     numbered = [(number, row) for number, row in enumerate(comparison.rows, 1) if row.gradient is not None]
-    width = max(len(name) for name in comparison.parameters) + 2
-    for start in range(0, max(len(numbered), 1), GRADIENTS_BESIDE):
-        shown = numbered[start : start + GRADIENTS_BESIDE]
-        yield f"{'gradient by':{width}}{'reference':>16}" + "".join(f"{f'({number})':>16}" for number, _ in shown)
+    width = max(len(name) for name in ("dJ/d", *comparison.parameters)) + 2
+    beside = max((TERMINAL - width) // 16 - 1, 1)  # the reference stands before each group
+    for start in range(0, max(len(numbered), 1), beside):
+        shown = numbered[start : start + beside]
+        yield f"{'dJ/d':{width}}{'reference':>16}" + "".join(f"{f'({number})':>16}" for number, _ in shown)
         for i, name in enumerate(comparison.parameters):
             entries = [comparison.reference.gradient, *(row.gradient for _, row in shown)]
             yield f"{name:{width}}" + "".join(f"{entry[i]:>16.9g}" for entry in entries)

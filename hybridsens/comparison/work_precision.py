@@ -63,7 +63,7 @@ def work_precision(
     - `scene`, `cost`, `reference`: as for `compare`.
     - `solvers`, `tolerances` (rtol = atol), `methods` (as for `adjoint=`), `dtypes` ("float64",
       "float32"): what is combined. A `ContinuousCostate()` is integrated at the tolerance of the motion.
-    - `store`: a .csv or .parquet file that each point is in as soon as it is finished. If it is there already, the
+    - `store`: a .csv file that each point is in as soon as it is finished. If it is there already, the
       study goes on from its points, which are not measured again.
     - `progress`: show a bar. Ctrl-C ends the run and keeps the points that are finished.
     - `settings`: see `Settings`, but for those that are varied; 256 events and 65536 steps by default.

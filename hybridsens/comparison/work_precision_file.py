@@ -1,4 +1,4 @@
-"""The points of a work-precision study in a file: CSV or Parquet, by the file's ending."""
+"""The points of a work-precision study in a CSV file."""
 
 import csv
 import os
@@ -15,18 +15,16 @@ REFERENCE = "reference_value"
 
 
 def check_ending(path: Path) -> None:
-    """Raises: ValueError for another ending than .csv or .parquet; ImportError where Parquet's library is missing."""
-    if path.suffix not in (".csv", ".parquet"):
-        raise ValueError(f"`store` must end in .csv or .parquet, but is {path}.")
-    if path.suffix == ".parquet":
-        _parquet()
+    """Raises: ValueError for another ending than .csv."""
+    if path.suffix != ".csv":
+        raise ValueError(f"`store` must end in .csv, but is {path}.")
 
 
 def write_points(path: Path, points: Sequence[Point], reference: float) -> None:
     """Write all points in one move, so that a run that is killed leaves the whole file of one point before."""
     rows = [point._asdict() | {REFERENCE: reference} for point in points]
     beside = path.with_name(path.name + ".part")
-    (_write_csv if path.suffix == ".csv" else _write_parquet)(beside, rows)
+    _write_csv(beside, rows)
     os.replace(beside, path)
 
 
@@ -37,7 +35,7 @@ def read_points(path: Path, reference: float) -> tuple[Point, ...]:
     """
     if not path.exists():
         return ()
-    rows = list((_read_csv if path.suffix == ".csv" else _read_parquet)(path))
+    rows = list(_read_csv(path))
     if any(set(row) != {*Point._fields, REFERENCE} for row in rows):
         raise ValueError(f"{path} must have the columns {', '.join(Point._fields)}, {REFERENCE}, but has others.")
     known = {float(row.pop(REFERENCE)) for row in rows}
@@ -56,23 +54,3 @@ def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
 def _read_csv(path: Path) -> Iterable[dict[str, Any]]:
     with open(path, newline="") as file:
         yield from csv.DictReader(file)
-
-
-def _write_parquet(path: Path, rows: list[dict[str, Any]]) -> None:
-    pyarrow, parquet = _parquet()
-    parquet.write_table(pyarrow.Table.from_pylist(rows), path)
-
-
-def _read_parquet(path: Path) -> Iterable[dict[str, Any]]:
-    _, parquet = _parquet()
-    return parquet.read_table(path).to_pylist()
-
-
-def _parquet():
-    """The library, or a word about how to get it."""
-    try:  # an optional extra
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise ImportError("A Parquet file needs pyarrow: pip install 'hybridsens[parquet]', or choose .csv.") from error
-    return pyarrow, pyarrow.parquet

@@ -1,0 +1,45 @@
+"""Tables of a comparison and of a check: 80 columns, whatever the names, and no number is lost."""
+
+import numpy as np
+import pytest
+
+from hybridsens.comparison.check_causes import Cause, ParameterCheck
+from hybridsens.comparison.check_events import EventCheck
+from hybridsens.comparison.check_report import GradientCheck
+from hybridsens.comparison.compare_table import Comparison, Reference, Row
+from hybridsens.mechanics.mode import EventKind
+
+SLOPE = -2.12345678912e-05
+SHORT, LONG = ("mass", "k"), ("mass", "restitution_coefficient_of_the_wall")
+
+
+def comparison(parameters):
+    gradient = np.full(len(parameters), SLOPE)
+    numbers = (-1.23456789, gradient, 1e-9, 2e-10, 1e-4, 3e-4, 12.5, 1.25e8)
+    rows = (Row("Replay", *numbers), Row('ContinuousCostate(state="recorded")', *numbers), Row("naive", failure=WHY))
+    return Comparison(parameters, Reference(-1.23456789, gradient), rows, True)
+
+
+WHY = "ValueError: the naive methods know no events of this kind, which takes a sentence longer than a line to say."
+
+
+def check(parameters):
+    slopes = tuple(ParameterCheck(name, *3 * [SLOPE], 1e-9, SLOPE, "differences disagree") for name in parameters)
+    events = (EventCheck(0, range(1), 0.3, EventKind.CAPTURE, 12, 1.5, 0.25, 0.25, "determinant disagrees"),)
+    cause = Cause("jump", parameters, ("0:1",), "the force has an undeclared kink", "declare it by `jump_ts=`")
+    return GradientCheck(slopes, events, (cause,))
+
+
+@pytest.mark.parametrize("table", [comparison, check])
+@pytest.mark.parametrize("parameters", [SHORT, LONG], ids=["short", "long"])
+def test_a_table_fits_a_terminal(table, parameters):
+    lines = str(table(parameters)).splitlines()
+    assert [line for line in lines if len(line) > 80] == []
+    assert all(any(name in line for line in lines) for name in parameters)
+    assert sum(line.count("-2.12345679e-05") for line in lines) >= 4
+
+
+def test_what_is_said_of_a_row_stands_in_it_or_below():
+    text = " ".join(str(check(SHORT)).split())
+    assert "differences disagree" in text and "determinant disagrees" in text and "declare it by `jump_ts=`" in text
+    assert " ".join(WHY.split()) in " ".join(str(comparison(SHORT)).split())
