@@ -18,7 +18,7 @@ from .complementarity import independent_superset
 from .contact import gap_and_rate
 from .corners import has_jumped
 from .event_state import EventState, look_at_event, rate_below_rounding
-from .few import among_few
+from .few import Among, among_one
 from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
 from .scene import AbstractScene
@@ -75,7 +75,7 @@ def decide_transition(
     near = scene.gap(t, q) <= NEAR * closeness(q.dtype) * (jnp.max(mode.length) + jnp.max(jnp.abs(q)))
     wanted = triggered | mode.held | near | (event < 0)
     elsewhere = mode, ImpactDetail(*4 * [jnp.zeros_like(triggered)])
-    (after, detail), verdict = among_few(scene, wanted, among, (mode, triggered), elsewhere)
+    (after, detail), verdict = among_one(scene, wanted, Among(among, (mode, triggered), elsewhere))
     status = Status.where(verdict.status == Status.running, may_begin(scene, after, event, t, q, v), verdict.status)
     return Decision(
         after,

@@ -1,7 +1,7 @@
 """The few contacts that matter at an instant, out of many: laws are worked out among them alone."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,11 +11,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .scene import AbstractScene
 from .typed import WrappedScene
 
-FEW = 2
-"""How many contacts can matter at an instant before all are looked at."""
 MANY = 8
-"""Scenes of up to this many contacts look at all of them: two copies of a law would take longer to compile than is
-gained."""
+"""Scenes of up to this many contacts look at all of them."""
 
 
 class SomeContacts(WrappedScene):
@@ -37,38 +34,50 @@ class SomeContacts(WrappedScene):
         return _picked(self.scene.restitution(), self.who)
 
 
-def among_few(
-    scene: AbstractScene,
-    wanted: Bool[Array, "contact"],
-    run: Callable[[AbstractScene, Any], tuple[Any, Any]],
-    by_contact: Any,
-    elsewhere: Any,
-) -> tuple[Any, Any]:
-    """`run(scene, by_contact)`, with the wanted contacts alone where they are few.
+class Among(NamedTuple):
+    """What is worked out among contacts, and what is said of those that are left out."""
 
-    `run` returns (what it says of each contact, the rest). Of the contacts that were left out `elsewhere` is said.
-    Where more than `FEW` of more than `MANY` contacts are wanted, all are looked at: nothing is left out that matters.
-    """
+    run: Callable[[AbstractScene, Any], tuple[Any, Any]]
+    """(scene, by_contact) -> what it says of each contact, and the rest."""
+    by_contact: Any
+    elsewhere: Any
+
+
+def among_one(scene: AbstractScene, wanted: Bool[Array, "contact"], among: Among) -> tuple[Any, Any]:
+    """`among.run` with the one contact that is wanted; with all of them where several are: nothing is left out that
+    matters.
+
+    A law for one contact is short. For two it would take as long to compile as for all."""
     if wanted.shape[0] <= MANY:
-        return run(scene, by_contact)
-    who = _first(wanted)
-
-    def few():
-        found, rest = run(SomeContacts(scene, who), jax.tree.map(lambda leaf: leaf[who], by_contact))
-        return jax.tree.map(lambda of_few, of_all: _spread(of_few, who, of_all), found, elsewhere), rest
-
-    return lax.cond(jnp.sum(wanted) <= FEW, few, lambda: run(scene, by_contact))
+        return among.run(scene, among.by_contact)
+    alone = lambda: _among_first(scene, wanted, 1, among)
+    return lax.cond(jnp.sum(wanted) <= 1, alone, lambda: among.run(scene, among.by_contact))
 
 
-def _first(wanted: Bool[Array, "contact"]) -> Int[Array, "few"]:
-    """Numbers of `FEW` different contacts, those that are wanted before the others."""
-    count = wanted.shape[0]
-    place = jnp.arange(count)
-    rank = place + count * ~wanted
+def among_held(scene: AbstractScene, held: Bool[Array, "contact"], dof: int, among: Among) -> tuple[Any, Any]:
+    """The same with the contacts that are held. These are independent, so that there are at most as many of them as
+    coordinates: a body of few coordinates needs no more, however many contacts it has."""
+    if held.shape[0] > MANY and dof <= MANY:
+        return _among_first(scene, held, dof, among)
+    return among_one(scene, held, among)
+
+
+def _among_first(scene: AbstractScene, wanted, count: int, among: Among) -> tuple[Any, Any]:
+    """With so many contacts, those that are wanted before the others."""
+    who = _first(wanted, count)
+    found, rest = among.run(SomeContacts(scene, who), jax.tree.map(lambda leaf: leaf[who], among.by_contact))
+    return jax.tree.map(lambda of_few, of_all: _spread(of_few, who, of_all), found, among.elsewhere), rest
+
+
+def _first(wanted: Bool[Array, "contact"], count: int) -> Int[Array, "few"]:
+    """Numbers of different contacts, those that are wanted before the others."""
+    all_of_them = wanted.shape[0]
+    place = jnp.arange(all_of_them)
+    rank = place + all_of_them * ~wanted
     who = []
-    for _ in range(FEW):
+    for _ in range(count):
         who.append(jnp.argmin(rank))
-        rank = jnp.where(place == who[-1], 2 * count, rank)
+        rank = jnp.where(place == who[-1], 2 * all_of_them, rank)
     return jnp.stack(who)
 
 
@@ -80,6 +89,6 @@ def _picked(of_all: Float[Array, "contact"], who) -> Float[Array, "few"]:
 
 def _spread(of_few, who, of_all):
     """The few entries put in their places. By selections: a scatter would be a loop of its own."""
-    for k in range(FEW):
+    for k in range(who.shape[0]):
         of_all = jnp.where(jnp.arange(of_all.shape[0]) == who[k], of_few[k], of_all)
     return of_all

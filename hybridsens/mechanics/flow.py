@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.dense import solve_masked
 from ..numerics.small_arrays import any_of
 from .contact import contact_geometry, gap_and_rate, gap_rate_and_bias
-from .few import among_few
+from .few import Among, among_held
 from .mass import solve_mass
 from .scene import AbstractScene
 
@@ -35,7 +35,7 @@ def contact_multiplier(
         multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
         return multiplier, geometry.mobility @ multiplier
 
-    return among_few(scene, active, among, active, jnp.zeros(active.shape, q.dtype))
+    return among_held(scene, active, q.shape[0], Among(among, active, jnp.zeros(active.shape, q.dtype)))
 
 
 def acceleration(scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]) -> Float[Array, "dof"]:
@@ -98,5 +98,6 @@ def project_to_contacts(
         return (gap_error, rate_error), (moved, turned)
 
     nothing = jnp.zeros(active.shape, q.dtype)
-    errors, moved = among_few(scene, active, among, (active, held_gap), (nothing, nothing))
+    among_them = Among(among, (active, held_gap), (nothing, nothing))
+    errors, moved = among_held(scene, active, q.shape[0], among_them)
     return Projected(*moved, *errors)

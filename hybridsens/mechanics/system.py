@@ -20,7 +20,7 @@ from ..status import Status
 from .contact import contact_geometry, gap_and_rate
 from .corners import is_not_smooth
 from .decisions import ImpactDetail, decide_transition
-from .few import among_few
+from .few import Among, among_one
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import transition_impulse
 from .mode import ContactMode, gap_tolerance
@@ -146,7 +146,8 @@ class MechanicalSystem(AbstractFlatSystem):
             return impulse, (geometry.mobility @ impulse, jnp.sum(jnp.where(detail.triggered, -rate, 0)))
 
         wanted = detail.triggered | detail.support | detail.brought_to_rest
-        impulse, (kick, closing_speed) = among_few(self.scene, wanted, among, detail, jnp.zeros(wanted.shape, x.dtype))
+        nothing = jnp.zeros(wanted.shape, x.dtype)
+        impulse, (kick, closing_speed) = among_one(self.scene, wanted, Among(among, detail, nothing))
         after = x.at[self.dof : 2 * self.dof].add(kick)
         return after, ImpactReport(impulse, closing_speed)
 
