@@ -1,7 +1,7 @@
 """Settings of a motion, checked: tolerances, the longest step, room, the methods."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, TypedDict
 
 import diffrax
@@ -56,18 +56,29 @@ class Settings(TypedDict, total=False):
     """Of a mechanical scene: when a cascade of impacts ends in sustained contact."""
 
 
-def chosen_settings(study: str, given: Mapping[str, Any], own: Mapping[str, Any], varied: tuple[str, ...] = ()) -> dict:
-    """The settings of a study: its own, replaced by those that are given.
+def chosen_settings(
+    study: str,
+    given: Mapping[str, Any],
+    own: Mapping[str, Any],
+    varied: tuple[str, ...] = (),
+    arguments: Iterable[str] = (),
+) -> dict:
+    """The settings of a study: its own, replaced by those that are given. `arguments` are those of its own that a
+    misspelt one may have meant.
 
     Raises: TypeError for what is no setting, and for one that the study varies by itself."""
     known = [name for name in Settings.__annotations__ if name not in varied]
     unknown = [name for name in given if name not in known]
     if unknown:
         raise TypeError(
-            f"`{study}` must have settings among {', '.join(known)}, but has {', '.join(unknown)}."
-            f"{did_you_mean(unknown, known)}"
+            f"`{study}` must have settings among {', '.join(known)}{_and_arguments(arguments)}, but has "
+            f"{', '.join(unknown)}.{did_you_mean(unknown, [*known, *arguments])}"
         )
     return {**own, **given}
+
+
+def _and_arguments(arguments: Iterable[str]) -> str:
+    return f"; its own arguments are {', '.join(arguments)}" if arguments else ""
 
 
 class Numbers(NamedTuple):

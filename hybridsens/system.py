@@ -6,6 +6,8 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float, Int, PyTree
 
+from .export.printed import printed
+
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
 
@@ -39,6 +41,9 @@ class AbstractHybridSystem(eqx.Module):
     - A guard that a transition puts below 0 fires at once.
     - Where several guards fall at once they fire one after the other, each only if it still is at 0 and falling.
     """
+
+    def __repr__(self) -> str:
+        return printed(self)
 
     @abc.abstractmethod
     def flow(self, t: Float[Array, ""], x: Any, mode: Any) -> Any:

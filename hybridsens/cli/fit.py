@@ -35,7 +35,7 @@ def fit(
 ) -> None:
     """Fit parameters of a scene to measurements and print them with their intervals.
 
-    Ctrl-C ends it with the best point so far.
+    Ctrl-C ends it with the best point so far, once it iterates.
     """
     from ..estimation import GrowingHorizon, read_measurements
     from ..estimation import fit as run_fit

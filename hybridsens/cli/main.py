@@ -1,7 +1,12 @@
 """The `hybridsens` command."""
 
+import os
+import signal
 import sys
+import threading
+from collections.abc import Callable
 from importlib.metadata import version
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -16,6 +21,11 @@ from .help_texts import SHORT, epilog
 from .scenes import scenes
 from .sweep import sweep
 from .work_precision import work_precision
+
+MISTAKE = 2
+"""Exit status where what was asked for cannot be."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -50,11 +60,40 @@ def run(arguments: list[str] | None = None) -> int:
     except (typer.TyperException, SimulationError, ValueError, OSError, ImportError) as error:
         message = getattr(error, "format_message", error.__str__)()
         print(f"hybridsens: {' '.join(message.split())}", file=sys.stderr)
-        return getattr(error, "exit_code", 1)
+        return getattr(error, "exit_code", 1 if isinstance(error, SimulationError) else MISTAKE)
 
 
 def main() -> None:
     """Entry point of the console script. JAX reads its settings when it starts, so they are made before any command.
     Compiled programs are kept, so that the same command starts quickly the next time."""
     configure(cache=True)
-    sys.exit(run())
+    interrupted = threading.Event()
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a job in the background ignores Ctrl-C
+        signal.signal(signal.SIGINT, _interrupt(interrupted))
+    try:
+        status = run()
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    if not interrupted.is_set():
+        sys.exit(status)
+    if status == INTERRUPTED:
+        print("hybridsens: interrupted", file=sys.stderr)
+    # JAX crashes where Python takes down what was interrupted while it compiled, so leave without taking down.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+def _interrupt(interrupted: threading.Event) -> Callable[[int, FrameType | None], None]:
+    """What Ctrl-C does: it ends the command, wherever that is.
+
+    Python swallows what is raised while it collects garbage, so there Ctrl-C comes again a moment later."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        interrupted.set()
+        if frame is not None and frame.f_code.co_name == "_xla_gc_callback":
+            threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+            return
+        signal.default_int_handler(number, frame)
+
+    return handle

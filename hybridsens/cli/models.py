@@ -36,7 +36,11 @@ def model(name: str) -> Any:
         )
     if not Path(file).is_file():
         raise typer.BadParameter(f"there is no file {file}")
-    return _class(file, class_name)()
+    chosen = _class(file, class_name)
+    try:
+        return chosen()
+    except TypeError as error:
+        raise typer.BadParameter(f"{class_name} must have a default for every parameter, but {error}") from error
 
 
 def file_name(name: str) -> str:

@@ -47,6 +47,10 @@ def ready_made_motion(scene, simulate, **settings):
 def choose_cost(scene, cost: Cost | None) -> Cost:
     """The cost given, or a ready-made scene's own. Raises: TypeError where there is neither, or one of other
     arguments."""
+    if callable(scene) and cost is not None and not callable(cost):
+        raise TypeError(
+            f"The scene comes first and the cost second, but a {type(cost).__name__} stands in the place of the cost."
+        )
     if cost is not None:
         _must_take_both(scene, cost)
         return cost

@@ -1,5 +1,6 @@
 """The front door: a scene and measurements in, parameters with their uncertainty out."""
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -96,7 +97,7 @@ def fit(
     """
     measured = read_measurements(data)
     _check(max_iterations, patience, robust, measured)
-    chosen = chosen_settings("fit", settings, prepare.SETTINGS)
+    chosen = chosen_settings("fit", settings, prepare.SETTINGS, arguments=_own_arguments())
     experiment = prepare.Experiment(state, mode, observe, t0, t1, chosen)
     unknowns = prepare.Unknowns(parameters, bounds, priors)
     problem = prepare.build_problem(scene, measured, unknowns, experiment, robust)
@@ -137,6 +138,10 @@ def _from_many(how: Method | Growing, problem: Problem, zs, max_iterations: int)
             f"At least one of the {zs.shape[0]} starts must have a motion that reaches its end, but none has."
         )
     return several, several.z[jnp.argmin(several.loss)]
+
+
+def _own_arguments() -> tuple[str, ...]:
+    return tuple(name for name in inspect.signature(fit).parameters if name != "settings")
 
 
 def _to_the_end(how: Method | Growing, problem: Problem, z, limits: Limits, callbacks: Callbacks) -> list[Run]:

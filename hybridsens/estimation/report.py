@@ -28,6 +28,11 @@ def _head(result: Any) -> Iterator[str]:
         f"{known} observations, {result.event_residuals.size} event times; residual spread "
         f"{result.uncertainty.noise:.4g}"
     )
+    if result.stopped in ("stalled", "no improvement", "max_iterations"):
+        yield (
+            "It did not converge. Where the guess is far off, `strategy=GrowingHorizon()` fits the beginning of the "
+            "record first, and `starts=` begins at several points."
+        )
     if result.failures:
         last = next(line.failure for line in reversed(result.history) if line.failure)
         yield f"{result.failures} trial points failed and were rejected; the last because {last}"

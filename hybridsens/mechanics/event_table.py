@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..export.names import contact_names
 from ..export.trees import as_text
 from .mode import EventKind
 from .scene import State
@@ -13,10 +14,11 @@ from .scene import State
 def event_rows(events: Any):
     """A header and a row for each event, as texts."""
     yield ["event", "time", "kind", "contact", "closing speed", "impulse", "state after"]
+    names = _contacts(events)
     for j in range(int(events.count)):
-        contact, kind = int(events.contact[j]), EventKind(int(events.kind[j])).name.lower()
+        kind = EventKind(int(events.kind[j])).name.lower()
         yield [
-            str(j), f"{float(events.time[j]):.9f}", kind, str(contact), f"{float(events.closing_speed[j]):.6g}",
+            str(j), f"{float(events.time[j]):.9f}", kind, names[j], f"{float(events.closing_speed[j]):.6g}",
             f"{_impulse(events, j):.6g}", _after(events, j),
         ]  # fmt: skip
 
@@ -27,18 +29,19 @@ def event_table(events: Any):
     if count == 0:
         return
     mode = "" if events.mode is None else "; mode"
-    numbers = f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>7} {'closing speed':>14} {'impulse':>12}"
+    names = _contacts(events)
+    wide = max(map(len, ["contact", *names]))
+    numbers = f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>{wide}} {'closing speed':>14} {'impulse':>12}"
     yield f"{numbers}  state{mode} after"
     shown = list(range(count)) if count <= 20 else [*range(10), None, *range(count - 9, count)]
     for j in shown:
         if j is None:
             yield f"{'...':>5} ({count - 19} more)"
             continue
-        contact = int(events.contact[j])
         kind = EventKind(int(events.kind[j])).name.lower()
-        after = _after(events, j)
+        after, speed = _after(events, j), float(events.closing_speed[j])
         yield (
-            f"{j:>5} {float(events.time[j]):>14.9f} {kind:>8} {contact:>7} {float(events.closing_speed[j]):>14.6g} "
+            f"{j:>5} {float(events.time[j]):>14.9f} {kind:>8} {names[j]:>{wide}} {speed:>14.6g} "
             f"{_impulse(events, j):>12.6g}  {after}{' *' if events.order_matters[j] else ''}"
         )
     if np.any(events.order_matters[:count]):
@@ -46,6 +49,15 @@ def event_table(events: Any):
             "* Contacts that act on each other were met at the same instant. Another order of their impacts has "
             "another outcome, so derivatives of what follows are one-sided at best."
         )
+
+
+def _contacts(events: Any) -> list[str]:
+    """The contact of each event that happened: its name where the scene is known and names it, or its number; that of
+    the switch at a switch."""
+    names = contact_names(getattr(events, "_scene", None), np.shape(events.impulse)[-1])
+    of = lambda j: int(events.contact[j])
+    switch = lambda j: events.kind[j] == EventKind.SWITCH
+    return [str(of(j)) if switch(j) else names[of(j)] for j in range(int(events.count))]
 
 
 def _impulse(events: Any, j: int) -> float:

@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
+from ..export.printed import printed
+
 
 class State(eqx.Module):
     """Configuration and velocity of a scene: q (dof,) and v = q' (dof,)."""
@@ -20,6 +22,9 @@ class State(eqx.Module):
     def __init__(self, q, v):
         self.q = _as_float("q", q)
         self.v = _as_float("v", v)
+
+    def __repr__(self) -> str:
+        return printed(self)
 
 
 class AbstractScene(eqx.Module):
@@ -45,6 +50,9 @@ class AbstractScene(eqx.Module):
     """Set to True in a scene whose functions have kinks or jumps in t, q or v that do no harm: then no
     `DiscontinuityWarning` tells of them. A guard against a division by zero, `jnp.where(r > 0, r, 1)`, is such a one:
     its trace looks like that of a jump."""
+
+    def __repr__(self) -> str:
+        return printed(self)
 
     @abc.abstractmethod
     def mass_matrix(self, q: Float[Array, "dof"]) -> Float[Array, "dof dof"] | lx.AbstractLinearOperator:

@@ -6,12 +6,15 @@ from matplotlib.axes import Axes
 
 from .figure import ABOVE
 
+ROUNDING = 1e-10
+"""A derivative that is so much smaller than the largest one is drawn as zero."""
+
 
 def plot_gradients(axes: Axes, names: list[str], gradients: dict[str, Float[np.ndarray, "parameter"]]) -> None:
     """Derivatives per parameter as one bar for each method; each parameter is scaled by the largest of its bars."""
     fills = (("#14213d", ""), ("white", ""), ("#e6a57e", "////"), ("0.8", "...."))
     scale = np.max(np.abs(np.stack(list(gradients.values()))), axis=0)
-    scale[scale == 0] = 1
+    scale[scale <= ROUNDING * np.max(scale, initial=0)] = np.inf  # a zero, by methods that leave rounding
     height = 0.8 / len(gradients)
     for i, (label, values) in enumerate(gradients.items()):
         face, hatch = fills[i % len(fills)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..parameters import parameters
 from ..validation.spelling import did_you_mean
 from .cluster import run_on_cluster
-from .dataset import from_memory, from_store
+from .dataset import from_memory, from_store, xarray
 from .designs import Design, batch
 from .engine import Engine, Program, shapes
 from .fingerprint import program_digest
@@ -66,6 +66,7 @@ def sweep(
 
     Raises: ValueError or TypeError for a cost, names, units or a store that do not fit.
     """
+    xarray()  # if it is missing, it is told before anything has been computed
     design = scenes if isinstance(scenes, Design) else batch(scenes)
     _check(chunk, events, client, store)
     wanted = Wanted(_gradient_names(design.scene, gradient), events, states)

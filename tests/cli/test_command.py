@@ -1,13 +1,19 @@
 """The command line: what it prints, what it writes, and how it refuses."""
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+import threading
+import time
 from importlib import import_module
+from types import SimpleNamespace
 
 import pytest
 
+from hybridsens.cli import main
 from hybridsens.cli.main import run
 from hybridsens.scenes import SCENES
 from hybridsens.systems import SYSTEMS
@@ -102,3 +108,29 @@ def test_the_same_settings_may_be_made_twice():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert done.stdout.startswith("JAX has already started") and not done.stderr, done
+
+
+def test_ctrl_c_ends_a_command_that_compiles(tmp_path):
+    """One line and the shells' exit status, not a crash of what was being compiled. Python swallows what is raised
+    while it collects garbage, so there Ctrl-C comes again."""
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in background jobs
+    code += "import hybridsens.cli.main as cli\nprint('ready', flush=True)\ncli.main()"
+    given = [sys.executable, "-u", "-c", code, "demo", "stacked-balls", "--output", str(tmp_path / "x.png")]
+    cold = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    run = subprocess.Popen(given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=cold)
+    assert run.stdout is not None and run.stdout.readline() == "ready\n"
+    time.sleep(4)
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 130 and said == "hybridsens: interrupted\n"
+
+
+def test_ctrl_c_while_garbage_is_collected_comes_again(monkeypatch):
+    asked, again = threading.Event(), []
+    monkeypatch.setattr(os, "kill", lambda *given: again.append(given) or asked.set())
+    collecting = SimpleNamespace(f_code=SimpleNamespace(co_name="_xla_gc_callback"))
+    interrupted = threading.Event()
+    main._interrupt(interrupted)(signal.SIGINT, collecting)  # type: ignore[arg-type]
+    assert interrupted.is_set() and asked.wait(5) and again == [(os.getpid(), signal.SIGINT)]
+    with pytest.raises(KeyboardInterrupt):
+        main._interrupt(interrupted)(signal.SIGINT, None)
