@@ -79,7 +79,7 @@ def test_laws_among_few_contacts_are_those_among_all(monkeypatch):
 
 @pytest.mark.slow
 def test_a_motion_among_few_contacts_is_that_among_all(monkeypatch):
-    """A chain of nine looks at one contact alone where it can; told to look at all of them it moves the same, to rounding."""
+    """A chain of nine looks at one contact alone where it can; told to look at all, it moves the same, to rounding."""
     scene = ChainOfMasses(few.MANY + 1)
     (cost, motion), gradient = value_and_grad(scene, 6.0)
     assert motion.status == hs.Status.successful and motion.events.count > 10
