@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..export.names import contact_names, coordinate_names
 from ..mechanics.contact import gap_and_rate
 from ..mechanics.mode import EventKind, closeness
 from ..mechanics.scene import AbstractScene
@@ -33,12 +34,19 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
         axes = list(figure.subplots(3, 1, sharex=True, height_ratios=[3, 3, 1]))
     t, q, v = with_events(trajectory)
     gaps = np.asarray(jax.vmap(lambda t, q, v: gap_and_rate(scene, t, q, v)[0])(jnp.asarray(t), q, v))
-    draw_lines(axes[0], t, gaps, "gap")
+    contacts, (_, rates) = contact_names(scene, gaps.shape[1]), coordinate_names(scene, q.shape[1])
+    draw_lines(axes[0], t, gaps, "gap", _labels(scene, "contacts", contacts))
     _draw_events(axes[0], trajectory)
-    draw_lines(axes[1], t, np.asarray(v), "velocity")
+    draw_lines(axes[1], t, np.asarray(v), "velocity", _labels(scene, "coordinates", rates))
     _draw_closed(axes[2], t, gaps, trajectory)
+    axes[2].set_yticks(range(len(contacts)), contacts)
     axes[2].set_xlabel("time [s]")
     return axes[0].get_figure(root=True)  # type: ignore[return-value]
+
+
+def _labels(scene: AbstractScene, named_by: str, names: list[str]) -> list[str] | None:
+    """Names that the scene gives; None for those that would be numbers."""
+    return names if getattr(scene, named_by, None) is not None else None
 
 
 def with_events(trajectory: Trajectory):
@@ -52,11 +60,12 @@ def with_events(trajectory: Trajectory):
     return t[order], q, both(events.before.v, events.after.v, trajectory.v)
 
 
-def draw_lines(axes: Axes, t, values, name: str) -> None:
+def draw_lines(axes: Axes, t, values, name: str, labels: list[str] | None = None) -> None:
     several = values.shape[1] > 1
+    labels = labels or [f"{name} {i}" for i in range(values.shape[1])]
     for i in range(values.shape[1]):
         colour, style = LINES[i % len(LINES)]
-        axes.plot(t, values[:, i], style, color=colour, linewidth=1.4, label=f"{name} {i}" if several else None)
+        axes.plot(t, values[:, i], style, color=colour, linewidth=1.4, label=labels[i] if several else None)
     axes.set_ylabel(name)
     axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
     if several:
@@ -85,6 +94,5 @@ def _draw_closed(axes: Axes, t, gaps, trajectory: Trajectory) -> None:
         held = closed[:-1, i] & closed[1:, i]
         axes.broken_barh([(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(held)], (i - 0.3, 0.6), color="0.55")
         axes.vlines(time[contact == i], i - 0.4, i + 0.4, color="black", linewidth=0.9)
-    axes.set_yticks(range(gaps.shape[1]))
     axes.set_ylim(gaps.shape[1] - 0.4, -0.6)
     axes.set_ylabel("closed\ncontact")

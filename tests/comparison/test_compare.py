@@ -160,3 +160,5 @@ def test_a_cost_of_one_argument_is_told_what_it_must_take():
 
     with pytest.raises(TypeError, match=r"two arguments, cost\(scene, simulate\), .* it is final_height\(scene\)"):
         compare(BouncingBall(), final_height, progress=False)
+    with pytest.raises(TypeError, match="The scene comes first and the cost second, but a BouncingBall stands"):
+        compare(final_height, BouncingBall(), progress=False)

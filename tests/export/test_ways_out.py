@@ -47,6 +47,16 @@ def test_samples_and_events_are_tables(motion):
     assert "low rate [m/s] before" in events.columns
 
 
+def test_a_print_has_the_names_of_contacts_and_the_numbers_of_parameters(motion):
+    """And a gradient, which is a scene too, shows its numbers; a large array its shape."""
+    assert {line.split()[3] for line in str(motion).splitlines() if " impact " in line} == {"floor", "balls"}
+    assert "mass_low=2.5" in repr(NamedBalls(mass_low=2.5)) and repr(motion.final).startswith("State(q=[")
+    assert "f64[30]" in repr(hs.State(jnp.zeros(30), jnp.zeros(30)))
+    traced = []
+    jax.jit(lambda scene: traced.append(repr(scene)))(NamedBalls())
+    assert "f64[]" in traced[0]
+
+
 def test_a_data_set_holds_all_of_a_motion(motion):
     """By name: samples, events without padding, and each part of the cost."""
     dataset = motion.to_xarray()

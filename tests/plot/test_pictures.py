@@ -75,6 +75,8 @@ def test_coordinates_have_their_names_and_jumps(motion):
     np.testing.assert_allclose(sides, [-speed, 0.8 * speed], rtol=1e-9)
     rows = hs.plot_coordinates(NamedBall(), motion).axes
     assert [row.get_ylabel() for row in rows] == ["height [m]", "height rate [m/s]"]
+    over_time = hs.plot_trajectory(NamedBall(), motion).axes
+    assert [label.get_text() for label in over_time[2].get_yticklabels()] == ["floor"]
     with pytest.raises(ValueError, match="one of height"):
         hs.plot_phase(NamedBall(), motion, "width")
 

@@ -62,6 +62,14 @@ def test_bars_of_a_parameter_are_scaled_together():
     np.testing.assert_allclose(widths, [0.5, -1, 1, 0])
 
 
+def test_rounding_is_drawn_as_zero():
+    """A derivative that is zero, by a method that leaves rounding, has no bar beside one of another size."""
+    axes = Figure().subplots()
+    plot_gradients(axes, ["mass", "floor"], {"one": np.array([0.0, -2.0]), "two": np.array([-1e-12, -2.0])})
+    widths = [bar.get_width() for bars in axes.containers for bar in bars]
+    np.testing.assert_allclose(widths, [0, -1, 0, -1])
+
+
 def test_a_motion_without_samples_is_refused():
     """There is nothing to draw between the events of a motion without samples."""
     trajectory = eqx.tree_at(lambda motion: motion.ts, _lifted_ball(jnp.linspace(0, 1, 3)), None)
