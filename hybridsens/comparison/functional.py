@@ -44,7 +44,7 @@ def ready_made_motion(scene, simulate, **settings):
     return simulate(scene, *start, **(dict(t1=scene.t1, running_cost=running_cost) | settings))
 
 
-def choose_cost(scene, cost: Cost | None) -> Cost:
+def choose_cost(scene, cost: Any) -> Cost:
     """The cost given, or a ready-made scene's own. Raises: TypeError where there is neither, or one of other
     arguments."""
     if callable(scene) and cost is not None and not callable(cost):

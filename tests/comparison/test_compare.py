@@ -19,6 +19,7 @@ from hybridsens.comparison.baselines import (
 from hybridsens.comparison.compare import Reference, compare
 from hybridsens.comparison.compare_plot import plot_comparison
 from hybridsens.comparison.differentiate import central_differences
+from hybridsens.comparison.functional import choose_cost
 from hybridsens.comparison.gradient_methods import GradientMethod, our_methods
 from hybridsens.scenes import BouncingBall
 from tests.problems import reference_scenes
@@ -161,4 +162,4 @@ def test_a_cost_of_one_argument_is_told_what_it_must_take():
     with pytest.raises(TypeError, match=r"two arguments, cost\(scene, simulate\), .* it is final_height\(scene\)"):
         compare(BouncingBall(), final_height, progress=False)
     with pytest.raises(TypeError, match="The scene comes first and the cost second, but a BouncingBall stands"):
-        compare(final_height, BouncingBall(), progress=False)
+        choose_cost(final_height, BouncingBall())
