@@ -15,10 +15,10 @@ from ..numerics.tolerances import closeness
 from ..status import Status
 from .checks import may_begin
 from .complementarity import independent_superset
-from .contact import gap_and_rate
+from .contact import contact_jacobian, gap_and_rate
 from .corners import has_jumped
-from .event_state import EventState, look_at_event, rate_below_rounding
-from .few import Among, among_one
+from .event_state import EventState, look_at_event, rate_below_rounding, wider_scales
+from .few import MANY, Among, among_one
 from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
 from .scene import AbstractScene
@@ -71,9 +71,12 @@ def decide_transition(
         verdict = _judge(scene, capture_speed, depth, here, t, q, v, mode)
         return (verdict.mode, verdict.detail), verdict._replace(mode=None, detail=None)
 
-    # At the start and at a jump of the forces any contact may be closed; at an event those near 0, and those held.
+    if mode.active.shape[0] > MANY:  # not all will be looked at, and the sizes of all must be known from the start
+        begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, depth[1])
+        mode = lax.cond(event < 0, begin, lambda: mode)
+    # Any contact that is near 0 may be closed, at the start and at a jump of the forces too.
     near = scene.gap(t, q) <= NEAR * closeness(q.dtype) * (jnp.max(mode.length) + jnp.max(jnp.abs(q)))
-    wanted = triggered | mode.held | near | (event < 0)
+    wanted = triggered | mode.held | near
     elsewhere = mode, ImpactDetail(*4 * [jnp.zeros_like(triggered)])
     (after, detail), verdict = among_one(scene, wanted, Among(among, (mode, triggered), elsewhere))
     status = Status.where(verdict.status == Status.running, may_begin(scene, after, event, t, q, v), verdict.status)

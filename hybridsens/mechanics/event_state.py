@@ -37,7 +37,7 @@ def look_at_event(scene: AbstractScene, atol, event, t, q, v, mode: ContactMode)
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
     pressed = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
-    mode = _wider_scales(mode, geometry, q, v, atol)
+    mode = wider_scales(mode, geometry.jacobian, q, v, atol)
     tolerance = gap_tolerance(mode.length)
     start = event < 0
     triggered = jnp.arange(gap.shape[0]) == event
@@ -66,10 +66,10 @@ def _touching(geometry: ContactGeometry, event, gap, tolerance):
     return coupled & (gap <= tolerance)
 
 
-def _wider_scales(mode: ContactMode, geometry: ContactGeometry, q, v, atol) -> ContactMode:
+def wider_scales(mode: ContactMode, jacobian: Float[Array, "contact dof"], q, v, atol) -> ContactMode:
     """Sizes of gaps and rates, at least what `atol`, the caller's word for a size that does not matter, says: it
     gives a scale to a scene that rests at the origin."""
-    size = jnp.abs(geometry.jacobian)
+    size = jnp.abs(jacobian)
     floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
     length, speed = (
         jnp.maximum(jnp.maximum(known, floor), product(size, jnp.abs(of)))

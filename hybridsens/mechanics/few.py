@@ -50,8 +50,11 @@ def among_one(scene: AbstractScene, wanted: Bool[Array, "contact"], among: Among
     A law for one contact is short. For two it would take as long to compile as for all."""
     if wanted.shape[0] <= MANY:
         return among.run(scene, among.by_contact)
-    alone = lambda: _among_first(scene, wanted, 1, among)
-    return lax.cond(jnp.sum(wanted) <= 1, alone, lambda: among.run(scene, among.by_contact))
+    # On the way back each branch is worked out again. Otherwise the matrices of all contacts would be handed on, as
+    # zeros, where one of them was looked at.
+    alone = jax.checkpoint(lambda: _among_first(scene, wanted, 1, among))
+    together = jax.checkpoint(lambda: among.run(scene, among.by_contact))
+    return lax.cond(jnp.sum(wanted) <= 1, alone, together)
 
 
 def among_held(scene: AbstractScene, held: Bool[Array, "contact"], dof: int, among: Among) -> tuple[Any, Any]:
