@@ -1,0 +1,17 @@
+"""The folder of notebooks as pages of the site: it lies beside the documentation, not in it."""
+
+from pathlib import Path
+
+from mkdocs.plugins import event_priority
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[1]
+
+
+@event_priority(100)  # before the plugin that makes pages of notebooks looks for them
+def on_files(files: Files, config) -> Files:
+    """Notebooks, and the page that lists them."""
+    for path in [*sorted((ROOT / "notebooks").glob("*.ipynb")), ROOT / "notebooks" / "README.md"]:
+        place = str(path.relative_to(ROOT))
+        files.append(File(place, str(ROOT), config.site_dir, config.use_directory_urls))
+    return files
