@@ -76,6 +76,7 @@ def main() -> None:
         status = INTERRUPTED
     if not interrupted.is_set():
         sys.exit(status)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends in any case
     if status == INTERRUPTED:
         print("hybridsens: interrupted", file=sys.stderr)
     # JAX crashes where Python takes down what was interrupted while it compiled, so leave without taking down.
