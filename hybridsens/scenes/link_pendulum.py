@@ -38,17 +38,23 @@ class LinkPendulum(ShippedScene):
 
     def _coupling(self):
         """m_ij l_i l_j."""
-        hanging = jnp.cumsum(self.mass[::-1])[::-1]
+        hanging = self._hanging()
         place = np.arange(self.mass.shape[0])
         return hanging[np.maximum.outer(place, place)] * jnp.outer(self.length, self.length)
 
+    def _hanging(self):
+        """All the mass that hangs on each link."""
+        return jnp.cumsum(self.mass[::-1])[::-1]
+
+    # cos(a - b) = cos a cos b + sin a sin b: one sine and one cosine a link instead of one a pair of links.
+
     def mass_matrix(self, q):
-        return self._coupling() * jnp.cos(q[:, None] - q)
+        return self._coupling() * (jnp.outer(jnp.cos(q), jnp.cos(q)) + jnp.outer(jnp.sin(q), jnp.sin(q)))
 
     def force(self, t, q, v):
-        centrifugal = (self._coupling() * jnp.sin(q[:, None] - q)) @ v**2
-        hanging = jnp.cumsum(self.mass[::-1])[::-1]
-        return -centrifugal - hanging * self.gravity * self.length * jnp.sin(q)
+        coupling, sine, cosine = self._coupling(), jnp.sin(q), jnp.cos(q)
+        centrifugal = sine * (coupling @ (cosine * v**2)) - cosine * (coupling @ (sine * v**2))
+        return -centrifugal - self._hanging() * self.gravity * self.length * sine
 
     def gap(self, t, q):
         return self.wall - jnp.cumsum(self.length * jnp.sin(q))

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .packed import Packed, pack
+from .scatters import without_scatters
 
 _LONG = 1_000_000
 """Bytes of large arrays from which on a function stays as it is: the loop would hold them twice, and what goes on for
@@ -25,7 +26,8 @@ def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
 
     The arguments begin as what the loop carries and the results end as it: of two vectors, one real, one whole.
     """
-    function = jax.jit(function, inline=True)  # its trace is kept: one for the shapes, and for the loop
+    # Its trace is kept: one for the shapes, and for the loop.
+    function = jax.jit(without_scatters(function), inline=True)
 
     def looped(*arguments):
         given, result = pack(arguments), jax.eval_shape(lambda *given: pack(function(*given)), *arguments)
