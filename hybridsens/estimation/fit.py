@@ -12,6 +12,7 @@ from jaxtyping import Array
 from ..mechanics.scene import AbstractScene
 from ..settings import Settings, chosen_settings
 from ..system import AbstractHybridSystem
+from ..validation.asked import kind_of
 from ..waiting import waiting
 from . import prepare
 from .assemble import build_result
@@ -95,6 +96,8 @@ def fit(
 
     Raises: ValueError for measurements, names, bounds or priors that do not fit; for a guess whose motion fails.
     """
+    if not isinstance(scene, AbstractScene | AbstractHybridSystem):
+        raise TypeError(f"`scene` must be a scene or a system, and come before the data, but is {kind_of(scene)}.")
     measured = read_measurements(data)
     _check(max_iterations, patience, robust, measured)
     chosen = chosen_settings("fit", settings, prepare.SETTINGS, arguments=_own_arguments())
