@@ -36,6 +36,7 @@ from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.asked import Asked
 from .validation.direction import forward_only, reverse_only
+from .validation.numbers import told_of_constants
 from .waiting import waiting
 
 
@@ -113,6 +114,7 @@ def simulate(
         capture_speed=capture_speed, adjoint=adjoint, throw=throw,
     )  # fmt: skip
     check_kinds(scene, state)
+    scene = told_of_constants(scene)
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
     check_settings(max_events, max_steps, solver, adjoint, throw)
     compiling = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((scene, state, t0, t1, ts)))

@@ -24,6 +24,7 @@ from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.asked import Asked, kind_of
 from .validation.direction import forward_only, reverse_only
+from .validation.numbers import told_of_constants
 
 
 def solve(
@@ -78,6 +79,7 @@ def solve(
     if not isinstance(system, AbstractHybridSystem):
         elsewhere = ", a scene: use hybridsens.simulate" if hasattr(system, "mass_matrix") else ""
         raise TypeError(f"`system` must be a hybridsens.AbstractHybridSystem, but is {kind_of(system)}{elsewhere}.")
+    system = told_of_constants(system)
     check_settings(max_events, max_steps, solver, adjoint, throw)
     x0, dtype = state_as_arrays(x0)
     mode = mode_as_arrays(mode)
