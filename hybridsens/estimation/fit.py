@@ -89,7 +89,7 @@ def fit(
     - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
     - `progress`: print a line for every iteration, and on a terminal how long compiling takes before the first; or a
       function that is called with every `Iteration`, and stops the fit by returning True. Ctrl-C ends it too. The best
-      point so far is returned; `fit(result.scene, ...)` goes on.
+      point so far is returned, if there is one; `fit(result.scene, ...)` goes on.
     - `store`: a JSON file that holds the best values at any time. If it is there already, the fit goes on from them
       instead of the scene's.
     - `settings`: see `Settings`; rtol = atol = 1e-8, 256 events and 4096 steps by default.
@@ -119,7 +119,8 @@ def fit(
             several, z = _from_many(how, problem, spread_starts(problem, z, starts), max_iterations)
             how = plain
         descents = _to_the_end(how, problem, z, Limits(max_iterations, patience), callbacks)
-    return build_result(how, problem, measured, guess, descents, several)
+    with waiting("compiling intervals", bool(progress)):
+        return _even_if_interrupted(lambda: build_result(how, problem, measured, guess, descents, several))
 
 
 def _check(max_iterations: int, patience: int, robust: float | None, measured: Measurements) -> None:
@@ -153,8 +154,16 @@ def _to_the_end(how: Method | Growing, problem: Problem, z, limits: Limits, call
     first = descend(how, problem, z, limits, callbacks)
     if first.whole:
         return [first]
-    last = descend(how, problem, first.z, Limits(0, 1), callbacks, stages=False)
+    last = _even_if_interrupted(lambda: descend(how, problem, first.z, Limits(0, 1), callbacks, stages=False))
     return [first, last._replace(stopped=first.stopped)]
+
+
+def _even_if_interrupted(work: Callable[[], Any]) -> Any:
+    """What is made of a descent that has ended. Ctrl-C would only lose it, so the first one is let pass."""
+    try:
+        return work()
+    except KeyboardInterrupt:
+        return work()
 
 
 def _listener(
