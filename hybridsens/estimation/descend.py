@@ -48,7 +48,7 @@ def descend(
     """Iterate until the optimizer converges or stalls, or something else ends it; the best point is kept throughout.
 
     Without `stages` the whole problem comes at once.
-    Raises: GuessFailed if the first point cannot be evaluated; KeyboardInterrupt before it has been.
+    Raises: GuessFailed if the first point cannot be evaluated.
     """
     batch_size, history, stopped = callbacks.batch_size or BatchSize(1), History(z, callbacks), ""
     done = batch_size.run(method, problem, method.begin(z, stages=stages), limits.iterations + 1)
@@ -60,8 +60,6 @@ def descend(
                 left = limits.iterations + (-history.number if history.whole else 1)
                 done = batch_size.run(method, problem, done.carry, left)
     except KeyboardInterrupt:
-        if not history.lines:  # nothing to keep
-            raise
         stopped = INTERRUPTED
     z = jnp.asarray(history.z)  # once: to the host and back takes longer than some iterations
     return Run(z, history.loss, history.lines, history.first, history.best, stopped, history.whole)

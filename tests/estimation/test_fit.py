@@ -9,7 +9,6 @@ import pytest
 from hybridsens import load
 from hybridsens.estimation import RandomStarts, fit, measurements
 from hybridsens.estimation.history import GuessFailed
-from hybridsens.estimation.iterate import BatchSize
 from hybridsens.scenes import BouncingBall, ElasticStop
 from tests.problems.stop_record import NEAR, STOP, TRUTH
 
@@ -91,17 +90,6 @@ def test_an_interruption_after_the_last_iteration_loses_nothing(record, near, mo
     monkeypatch.setattr(module, "build_result", lambda *given: asked.clear() or interrupted(*given))
     with pytest.raises(KeyboardInterrupt):
         fit(near.scene, record, **STOP)
-
-
-def test_an_interruption_before_the_first_iteration_ends_the_fit(record, monkeypatch):
-    """Assert that nothing more is compiled where there is no point to keep."""
-
-    def interrupt(*given):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(BatchSize, "run", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        fit(ElasticStop(**NEAR), record, **STOP)
 
 
 @pytest.mark.slow
