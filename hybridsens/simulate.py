@@ -97,7 +97,7 @@ def simulate(
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (one each in a batch). A motion that
       broke off returns the state where it did, with the gradient of that state: one that could not begin has gradient
       0, which an optimiser takes for a stationary point. "nan" makes value and gradient of such a motion nan instead.
-    - `progress`: show on a terminal for how long it compiles and runs.
+    - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
 

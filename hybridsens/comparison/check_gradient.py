@@ -45,10 +45,10 @@ def check_gradient(
     Where something is in doubt, `causes` says what is likely behind it, and what to do.
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`. `adjoint`
-    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `progress`: say on
-    a terminal what is waited for; a check compiles some ten programs, which takes a minute or more. `settings`: see
-    `Settings`; rtol = atol = 1e-12, since differences divide the noise of motions by the width, 256 events and 16384
-    steps by default.
+    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `progress`: show,
+    on a terminal or in a notebook, what is waited for; a check compiles some ten programs, which takes a minute or
+    more. `settings`: see `Settings`; rtol = atol = 1e-12, since differences divide the noise of motions by the width,
+    256 events and 16384 steps by default.
 
     Raises: SimulationError if the motion does not reach its end.
     """

@@ -87,7 +87,7 @@ def fit(
     - `starts`: descend from so many points around the guess, in one compiled run, and go on from the best: a number, or
       `RandomStarts(count, spread, seed)`.
     - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
-    - `progress`: print a line for every iteration, and on a terminal how long compiling takes before the first; or a
+    - `progress`: print a line for every iteration, and how long compiling takes before the first; or a
       function that is called with every `Iteration`, and stops the fit by returning True. Ctrl-C ends it too. The best
       point so far is returned, if there is one; `fit(result.scene, ...)` goes on.
     - `store`: a JSON file that holds the best values at any time. If it is there already, the fit goes on from them

@@ -125,8 +125,8 @@ def batch(scenes: Any) -> Design:
     lengths = {name: leaf.shape[0] if leaf.ndim > 0 else 0 for name, leaf in leaves.items()}
     if len(set(lengths.values())) != 1 or 0 in lengths.values():
         raise ValueError(
-            f"All parameters of `scenes` must have one leading axis, that of the points, but have lengths {lengths}. "
-            "The points around one scene are made by grid, latin_hypercube or sobol."
+            f"All parameters of the scenes must have the same leading axis, but have lengths {lengths}. The "
+            "points around one scene are made by grid, latin_hypercube or sobol."
         )
     (size,) = set(lengths.values())
     columns = {name: np.asarray(leaf) for name, leaf in leaves.items()}
