@@ -59,6 +59,7 @@ def test_parameters_have_defaults_units_and_meanings(tmp_path, capsys):
     assert run(["scenes", "bouncing-ball"]) == 0
     rows = [re.split(r"\s{2,}", line) for line in _lines(capsys)]
     assert ["height", "1", "m", "Initial height"] in rows
+    assert ["restitution_coefficient", "0.8", "e, in [0, 1]"] in rows  # no unit, but an interval
     assert run(["scenes", "bouncing-ball", "--json"]) == 0
     (ball,) = json.loads(capsys.readouterr().out)
     weight = next(entry for entry in ball["parameters"] if entry["name"] == "weight")
