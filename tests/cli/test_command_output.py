@@ -66,6 +66,7 @@ def test_parameters_have_defaults_units_and_meanings(tmp_path, capsys):
     assert weight == {"name": "weight", "default": 9.81, "unit": "N", "about": ""}
     assert run(["scenes", f"{file}:Own", "--json"]) == 0
     (own,) = json.loads(capsys.readouterr().out)
+    assert own["about"] == ""  # and not the signature of the class
     assert {"stiffness": "N/m"}.items() <= {entry["name"]: entry["unit"] for entry in own["parameters"]}.items()
 
 
