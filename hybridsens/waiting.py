@@ -24,8 +24,8 @@ def waiting(what: str, shown: bool) -> Iterator[Callable[[str], None]]:
 
     Gives a function that says what is waited for from now on. Nothing is shown if the stream is no terminal: a file
     would keep every line."""
-    if shown and _in_notebook():
-        with _below_the_cell(what) as tell:
+    if shown and in_notebook():
+        with below_the_cell(what) as tell:
             yield tell
         return
     console = Console(stderr=True)
@@ -41,8 +41,8 @@ def waiting(what: str, shown: bool) -> Iterator[Callable[[str], None]]:
 def counted(things: Iterable[Any], name: Callable[[Any], str], shown: bool) -> Iterator[Any]:
     """The things one after the other, with a bar that names the present one, and the time elapsed."""
     things, console = list(things), Console(stderr=True)
-    if shown and _in_notebook():
-        with _below_the_cell("") as tell:
+    if shown and in_notebook():
+        with below_the_cell("") as tell:
             for number, thing in enumerate(things, 1):
                 tell(f"{name(thing)}, {number} of {len(things)}")
                 yield thing
@@ -56,15 +56,15 @@ def counted(things: Iterable[Any], name: Callable[[Any], str], shown: bool) -> I
             bar.advance(task)
 
 
-def _in_notebook() -> bool:
+def in_notebook() -> bool:
     """Whether the kernel of a notebook runs this; who has not imported IPython is in none."""
     ipython = sys.modules.get("IPython")
     return ipython is not None and getattr(ipython.get_ipython(), "kernel", None) is not None
 
 
 @contextmanager
-def _below_the_cell(what: str) -> Iterator[Callable[[str], None]]:
-    """The line in a notebook, from the first second on: what takes no longer leaves no trace in it."""
+def below_the_cell(what: str) -> Iterator[Callable[[str], None]]:
+    """The line of `waiting` in a notebook, from the first second on: what takes no longer leaves no trace in it."""
     told, begun, ended = [what], time.monotonic(), threading.Event()
     display = import_module("IPython.display").display
 

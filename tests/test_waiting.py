@@ -11,6 +11,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.estimation import fit
+from hybridsens.sweeps.progress import progress_bar
 from hybridsens.waiting import counted, waiting
 
 
@@ -84,6 +85,17 @@ def test_a_notebook_shows_one_line_and_wipes_it_out(cell):
     with waiting("compiling", shown=True), waiting("compiling", shown=False):
         time.sleep(0.1)
     assert len(cell) == 5
+
+
+def test_a_sweep_in_a_notebook_tells_how_far_it_is(cell, monkeypatch):
+    """With the points that a store has already."""
+    monkeypatch.setattr("hybridsens.waiting.TICK", 0.05)
+    with progress_bar(points=4000, present=1000, shown=True) as advance:
+        time.sleep(0.2)
+        advance(1500)
+        time.sleep(0.2)
+    lines = [text for text, _ in cell]
+    assert lines[0] == "compiling the sweep ... 0 s" and lines[-2:] == ["sweep, 2,500 of 4,000 points ... 0 s", ""]
 
 
 def test_what_fails_in_a_notebook_leaves_no_line(cell):

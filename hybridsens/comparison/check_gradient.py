@@ -16,7 +16,7 @@ from .check_events import check_events
 from .check_motions import on_sequence, value_with_calls
 from .check_reference import reference_gradient, resolved_gradient
 from .check_report import GradientCheck
-from .differentiate import value_and_gradient
+from .differentiate import QUICKLY, value_and_gradient
 from .finite_differences import best_finite_differences
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
 from .gradient_methods import from_adjoint
@@ -113,7 +113,7 @@ def _off(entry: ParameterCheck, right: float, limit: float) -> bool:
 
 def _gradient(parameters: FlatParameters, cost: Cost, adjoint: AbstractGradientMethod, settings):
     method = from_adjoint(adjoint, **settings)
-    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
+    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode, options=QUICKLY)
     _, gradient, reported = run(parameters.vector)
     raise_unless_reached_end(reported)
     return np.asarray(gradient)
