@@ -6,6 +6,7 @@ import threading
 import time
 from types import SimpleNamespace
 
+import diffrax
 import numpy as np
 import pytest
 
@@ -96,6 +97,15 @@ def test_a_sweep_in_a_notebook_tells_how_far_it_is(cell, monkeypatch):
         time.sleep(0.2)
     lines = [text for text, _ in cell]
     assert lines[0] == "compiling the sweep ... 0 s" and lines[-2:] == ["sweep, 2,500 of 4,000 points ... 0 s", ""]
+
+
+def test_a_measurement_in_a_notebook_names_the_solver(cell, monkeypatch):
+    """As on a terminal."""
+    monkeypatch.setattr("hybridsens.waiting.TICK", 0.02)
+    monkeypatch.setattr("hybridsens.comparison.work_precision.measure_line", lambda *given: time.sleep(0.2) or iter(()))
+    monkeypatch.setattr("hybridsens.comparison.work_precision.tight_reference", lambda *given, **more: None)
+    hs.work_precision(hs.scenes.BouncingBall(), solvers=[diffrax.Tsit5()], dtypes=["float64"])
+    assert cell[0][0] == "Tsit5, Replay, float64, 1 of 3 ... 0 s" and cell[-1][0] == ""
 
 
 def test_what_fails_in_a_notebook_leaves_no_line(cell):
