@@ -10,7 +10,7 @@ import numpy as np
 Mode = Literal["reverse", "forward", "differences"]
 
 QUICKLY = {"xla_backend_optimization_level": 0}
-"""How to compile a program that runs a few times only: in two thirds of the time."""
+"""How to compile a program that runs a few times only: without optimization, which takes longer than such runs."""
 
 
 def value_and_gradient(
