@@ -37,7 +37,10 @@ def flatten_parameters(scene: Any) -> FlatParameters:
     arrays, rest = eqx.partition(scene, eqx.is_inexact_array)
     vector, unravel = ravel_pytree(arrays)
     if vector.size == 0:
-        raise ValueError("`scene` must have at least one floating point array as a parameter, but has none.")
+        raise ValueError(
+            "`scene` must have at least one floating point array as a parameter, but has none. Declare its fields as "
+            "jax.Array: numbers given for them become arrays."
+        )
     names = [entry for name, leaf in parameters(arrays).items() for entry in entry_names(name, np.shape(leaf))]
     return FlatParameters(tuple(names), vector, lambda vector: eqx.combine(unravel(vector), rest))
 
@@ -86,9 +89,10 @@ def check_names(scene: Any, names) -> None:
     for name in names:
         leaf, index = split_name(name)
         if leaf not in known:
+            declare = " It is a constant: declare its field as jax.Array." if leaf in _all_names(scene) else ""
             raise ValueError(
-                f"A parameter must have one of the names {', '.join(known)}, but has the name {name!r}."
-                f"{did_you_mean(leaf, known)}"
+                f"A parameter must have one of the names {', '.join(known) or '(there are none)'}, but has the name "
+                f"{name!r}.{declare or did_you_mean(leaf, known)}"
             )
         shape = known[leaf].shape
         inside = (
@@ -101,6 +105,10 @@ def check_names(scene: Any, names) -> None:
                 if shape
                 else f"{leaf!r} is a scalar and must be named without an index, but the name is {name!r}."
             )
+
+
+def _all_names(scene: Any) -> set[str]:
+    return {_name(path) for path, _ in jax.tree_util.tree_leaves_with_path(scene)}
 
 
 def _name(path) -> str:

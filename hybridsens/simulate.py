@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .forward.method import Method
-from .mechanics.checks import check_room, check_shapes
+from .mechanics.checks import check_kinds, check_room, check_shapes
 from .mechanics.clearance import warn_of_sampled_gaps
 from .mechanics.closures import lift_closures
 from .mechanics.constant_mass import with_known_mass
@@ -34,7 +34,9 @@ from .reported import Reported
 from .settings import check_settings, given_numbers, horizon_status, segment_room
 from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
+from .validation.asked import Asked
 from .validation.direction import forward_only, reverse_only
+from .validation.numbers import told_of_constants
 from .waiting import waiting
 
 
@@ -95,7 +97,7 @@ def simulate(
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (one each in a batch). A motion that
       broke off returns the state where it did, with the gradient of that state: one that could not begin has gradient
       0, which an optimiser takes for a stationary point. "nan" makes value and gradient of such a motion nan instead.
-    - `progress`: show on a terminal for how long it compiles and runs.
+    - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
 
@@ -111,6 +113,8 @@ def simulate(
         rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step,
         capture_speed=capture_speed, adjoint=adjoint, throw=throw,
     )  # fmt: skip
+    check_kinds(scene, state)
+    scene = told_of_constants(scene)
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
     check_settings(max_events, max_steps, solver, adjoint, throw)
     compiling = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((scene, state, t0, t1, ts)))
@@ -183,10 +187,10 @@ def _simulate(
 
 
 def _jump_times(scene: AbstractScene, jump_ts, dtype):
-    if jump_ts is None and isinstance(scene, AbstractScene):
-        declared = getattr(scene, "jump_times", None)
-        jump_ts = None if declared is None else declared()
-    return None if jump_ts is None else real_array("jump_ts", jump_ts, 1).astype(dtype)
+    name = "jump_ts"
+    if jump_ts is None and hasattr(scene, "jump_times"):
+        name, jump_ts = "jump_times", Asked.of(scene, "jump_times()")()
+    return None if jump_ts is None else real_array(name, jump_ts, 1).astype(dtype)
 
 
 def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) -> Trajectory:
@@ -225,8 +229,6 @@ def _unravel(z, cost_shape):
 
 
 def _as_arrays(t0, t1, ts, state):
-    if not isinstance(state, State):
-        raise TypeError(f"`state` must be a hybridsens.State, but is {type(state).__name__}: use State(q, v).")
     dtype = jnp.result_type(state.q, state.v)
     if not jnp.issubdtype(dtype, jnp.floating):
         raise TypeError(f"The state must be real, but has type {dtype}.")

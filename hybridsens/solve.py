@@ -22,7 +22,9 @@ from .solution import Solution, SolutionEvents, last_events
 from .system import AbstractHybridSystem
 from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
+from .validation.asked import Asked, kind_of
 from .validation.direction import forward_only, reverse_only
+from .validation.numbers import told_of_constants
 
 
 def solve(
@@ -75,14 +77,15 @@ def solve(
     that `adjoint` does not serve; `SimulationError` for what only the values show, as `simulate` does.
     """
     if not isinstance(system, AbstractHybridSystem):
-        raise TypeError(f"`system` must be a hybridsens.AbstractHybridSystem, but is {type(system).__name__}.")
+        elsewhere = ", a scene: use hybridsens.simulate" if hasattr(system, "mass_matrix") else ""
+        raise TypeError(f"`system` must be a hybridsens.AbstractHybridSystem, but is {kind_of(system)}{elsewhere}.")
+    system = told_of_constants(system)
     check_settings(max_events, max_steps, solver, adjoint, throw)
     x0, dtype = state_as_arrays(x0)
     mode = mode_as_arrays(mode)
     t0, t1 = (real_array(name, t, 0).astype(dtype) for name, t in (("t0", t0), ("t1", t1)))
     ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
-    jump_ts = system.jump_times() if jump_ts is None else jump_ts
-    jump_ts = None if jump_ts is None else real_array("jump_ts", jump_ts, 1).astype(dtype)
+    jump_ts = _jump_times(system, jump_ts, dtype)
     check_mesh(system, x0, t0, t1, ts)
     system, running_cost = in_type((system, running_cost), dtype)
     counts, cost = check_system(system, running_cost, t0, x0, mode)
@@ -133,6 +136,13 @@ class Again(eqx.Module):
     def _given(self) -> dict[str, Any]:
         leaves = [fixed if array is None else array for array, fixed in zip(self.arrays, self.rest, strict=True)]
         return self.tree.unflatten(leaves)
+
+
+def _jump_times(system: AbstractHybridSystem, jump_ts, dtype):
+    name = "jump_ts"
+    if jump_ts is None:
+        name, jump_ts = "jump_times", Asked.of(system, "jump_times()")()
+    return None if jump_ts is None else real_array(name, jump_ts, 1).astype(dtype)
 
 
 def _numbers(settings, given, dtype):

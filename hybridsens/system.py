@@ -7,6 +7,7 @@ import equinox as eqx
 from jaxtyping import Array, Float, Int, PyTree
 
 from .export.printed import printed
+from .validation.numbers import numbers_to_arrays
 
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
@@ -33,6 +34,9 @@ class AbstractHybridSystem(eqx.Module):
         ball = Ball(jnp.array(9.81), jnp.array(0.8))
         solution = hybridsens.solve(ball, {"height": 1.0, "speed": 0.0}, 0, t1=1.0)
 
+    A number given for a field that is declared as an array is made one; fields declared as `float` or `int` are
+    constants, whose gradient is None.
+
     All is plain JAX, with `jnp.where` and `jax.lax.switch` in place of `if`. An event happens where a guard falls from
     above 0 to 0:
 
@@ -41,6 +45,9 @@ class AbstractHybridSystem(eqx.Module):
     - A guard that a transition puts below 0 fires at once.
     - Where several guards fall at once they fire one after the other, each only if it still is at 0 and falling.
     """
+
+    def __check_init__(self):
+        numbers_to_arrays(self)
 
     def __repr__(self) -> str:
         return printed(self)

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 
 from .system import AbstractHybridSystem
+from .validation.asked import Asked, kind_of
 from .validation.closures import hides_tracers, method_of
-from .validation.returned import returned_array, returned_leaves
+from .validation.returned import must_have_shape, returned_array, returned_leaves
 from .validation.structures import must_be_pair, must_match, outcome
 
 
@@ -61,37 +62,33 @@ def check_system(system: AbstractHybridSystem, running_cost, t, x, mode) -> tupl
     Raises: ValueError or TypeError where the system's functions do not fit the state, the mode or each other."""
     like = lambda tree: jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree)
     t, x, mode = like((t, x, mode))
-    must_match("flow", "the state", outcome("flow", system.flow, t, x, mode), x, exact=False)
-    guards = returned_array("guards", system.guards, t, x, mode)
-    if guards.ndim != 1:
-        raise ValueError(f"`guards` must return an array of shape (guard,), but returns shape {guards.shape}.")
+    flow, guards = (Asked.of(system, f"{name}(t, x, mode)") for name in ("flow", "guards"))
+    must_match(flow, "the state's rate", outcome(flow, t, x, mode), x, exact=False)
+    guards = must_have_shape(guards, returned_array(guards, t, x, mode), ("guard",))
     counts = Counts(guards.shape[0], _scheduled_count(system, x, mode))
     if counts != (0, None):
         event = jax.ShapeDtypeStruct((), jnp.asarray(0).dtype)
-        after = outcome("transition", system.transition, event, t, x, mode)
-        must_be_pair("transition", after, "(x, mode)")
-        must_match("transition", "the state", after[0], x, exact=False)
-        must_match("transition", "the mode", after[1], mode, exact=True)
+        transition = Asked.of(system, "transition(event, t, x, mode)")
+        after = outcome(transition, event, t, x, mode)
+        must_be_pair(transition, after, "(x, mode)")
+        must_match(transition, "the state", after[0], x, exact=False)
+        must_match(transition, "the mode", after[1], mode, exact=True)
     if running_cost is None:
         return counts, None
     if not callable(running_cost):
         raise TypeError(
-            f"`running_cost` must be a function of (system, t, x, mode), but is {type(running_cost).__name__}."
+            f"`running_cost` must be a function of (system, t, x, mode), but is {kind_of(running_cost)}."
         )
-    if not returned_leaves("running_cost", running_cost, system, t, x, mode):
-        raise TypeError("`running_cost` must return real numbers, but returns nothing.")
+    if not returned_leaves(Asked("running_cost(system, t, x, mode)", running_cost), system, t, x, mode):
+        raise TypeError("`running_cost` must return real numbers, but returns nothing: is a `return` missing?")
     return counts, eqx.filter_eval_shape(running_cost, system, t, x, mode)
 
 
 def _scheduled_count(system: AbstractHybridSystem, x, mode) -> int | None:
-    if eqx.filter_eval_shape(system.scheduled_times, x, mode) is None:
+    asked = Asked.of(system, "scheduled_times(x, mode)")
+    if outcome(asked, x, mode) is None:
         return None
-    times = returned_array("scheduled_times", system.scheduled_times, x, mode)
-    if times.ndim != 1:
-        raise ValueError(
-            f"`scheduled_times` must return an array of shape (time,) or None, but returns shape {times.shape}."
-        )
-    return times.shape[0] or None
+    return must_have_shape(asked, returned_array(asked, x, mode), ("time",)).shape[0] or None
 
 
 class LiftedSystem(AbstractHybridSystem):

@@ -34,7 +34,7 @@ MAY_IMPORT = {
     "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch"} | BASE,
     "watch": {"numerics"},
     "saved": {"export", "mechanics", "outcome", "solution", "status"},
-    "system": {"export"},
+    "system": {"export", "validation"},
     "system_checks": {"system"} | BASE,
     "delays": set(),
     "flattened": {"delays", "watch", "system", "system_checks", "flat_system", "interval", "search"} | BASE,

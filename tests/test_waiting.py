@@ -1,14 +1,18 @@
-"""Who waits at a terminal is told for what and how long; a file, a pipe and a notebook are told nothing."""
+"""Who waits at a terminal or in a notebook is told for what and how long; a file and a pipe are told nothing."""
 
 import io
 import sys
+import threading
 import time
+from types import SimpleNamespace
 
+import diffrax
 import numpy as np
 import pytest
 
 import hybridsens as hs
 from hybridsens.estimation import fit
+from hybridsens.sweeps.progress import progress_bar
 from hybridsens.waiting import counted, waiting
 
 
@@ -55,6 +59,73 @@ def test_a_bar_names_each_thing(monkeypatch):
     for _ in counted(["one", "two"], lambda name: f"<{name}>", shown=True):
         time.sleep(0.15)
     assert all(part in terminal.getvalue() for part in ("<one>", "<two>", "1/2"))
+
+
+@pytest.fixture
+def cell(monkeypatch) -> list[tuple[str, str]]:
+    """What is shown below a notebook's cell, by which thread's context: a kernel's display, whose lines can change."""
+    shown = []
+    note = lambda text, **given: shown.append((text["text/plain"], threading.current_thread().name))
+    display = lambda text, **given: note(text) or SimpleNamespace(update=note)
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel=object())))
+    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=display))
+    return shown
+
+
+def test_a_notebook_shows_one_line_and_wipes_it_out(cell):
+    """It counts while the main thread compiles; what is done within a second leaves no trace."""
+    with waiting("compiling", shown=True) as tell:
+        time.sleep(1.3)
+        tell("checking")
+        time.sleep(1)
+    lines = [text for text, thread in cell if thread != "MainThread"]
+    assert lines == ["compiling ... 1 s", "checking ... 2 s", ""] and len(cell) == 3
+    for _ in counted(["one", "two"], str, shown=True):
+        time.sleep(0.6)
+    assert [text for text, _ in cell[3:]] == ["two, 2 of 2 ... 1 s", ""]
+    with waiting("compiling", shown=True), waiting("compiling", shown=False):
+        time.sleep(0.1)
+    assert len(cell) == 5
+
+
+def test_a_sweep_in_a_notebook_tells_how_far_it_is(cell, monkeypatch):
+    """With the points that a store has already."""
+    monkeypatch.setattr("hybridsens.waiting.TICK", 0.05)
+    with progress_bar(points=4000, present=1000, shown=True) as advance:
+        time.sleep(0.2)
+        advance(1500)
+        time.sleep(0.2)
+    lines = [text for text, _ in cell]
+    assert lines[0] == "compiling the sweep ... 0 s" and lines[-2:] == ["sweep, 2,500 of 4,000 points ... 0 s", ""]
+
+
+def test_a_measurement_in_a_notebook_names_the_solver(cell, monkeypatch):
+    """As on a terminal."""
+    monkeypatch.setattr("hybridsens.waiting.TICK", 0.02)
+    monkeypatch.setattr("hybridsens.comparison.work_precision.measure_line", lambda *given: time.sleep(0.2) or iter(()))
+    monkeypatch.setattr("hybridsens.comparison.work_precision.tight_reference", lambda *given, **more: None)
+    hs.work_precision(hs.scenes.BouncingBall(), solvers=[diffrax.Tsit5()], dtypes=["float64"])
+    assert cell[0][0] == "Tsit5, Replay, float64, 1 of 3 ... 0 s" and cell[-1][0] == ""
+
+
+def test_what_fails_in_a_notebook_leaves_no_line(cell):
+    """Nor a thread that goes on counting."""
+    before = threading.active_count()
+    with pytest.raises(KeyboardInterrupt), waiting("compiling", shown=True):
+        time.sleep(1.2)
+        raise KeyboardInterrupt
+    assert cell[-1][0] == "" and threading.active_count() == before
+
+
+@pytest.mark.parametrize("kernel", [True, False])
+def test_a_simulation_in_a_notebook_says_that_it_compiles(cell, kernel, monkeypatch):
+    """If it was asked to, and if there is a kernel; IPython on a terminal has none."""
+    monkeypatch.setattr("hybridsens.waiting.TICK", 0.02)
+    if not kernel:
+        monkeypatch.setattr(sys.modules["IPython"], "get_ipython", lambda: None)
+    ball, room = hs.scenes.BouncingBall(), 5 + kernel  # each compiles anew
+    hs.simulate(ball, ball.initial_state(), t1=0.4, max_events=room, progress=True)
+    assert bool(cell) == kernel and (not kernel or cell[0][0] == "compiling and simulating ... 0 s")
 
 
 def test_a_simulation_says_that_it_compiles(monkeypatch):

@@ -31,8 +31,8 @@ def parameter_texts(model: Any) -> list[ParameterText]:
 
 
 def _parameter(name: str, value: Any, text: str) -> ParameterText:
-    """The unit stands in brackets in the text: "Initial height [m]."."""
-    unit = re.search(r"\s*\[([^\]]*)\]", text)
+    """The unit stands in brackets in the text: "Initial height [m]."; what has a comma there is an interval."""
+    unit = re.search(r"\s*\[([^\],]*)\]", text)
     about = text if unit is None else text[: unit.start()] + text[unit.end() :]
     return ParameterText(name, np.asarray(value).tolist(), unit[1] if unit else "", " ".join(about.split()).strip(" ."))
 

@@ -40,7 +40,13 @@ def _described(name: str) -> dict[str, Any]:
 def _about(of: type) -> str:
     """The first line of its module: what it is; its own text where the module has none."""
     text = inspect.getdoc(inspect.getmodule(of)) if inspect.getmodule(of) is not None else None
-    return (text or inspect.getdoc(of) or "").partition("\n")[0]
+    return (text or _text(of)).partition("\n")[0]
+
+
+def _text(of: type) -> str:
+    """The text of a class; empty where it has only the signature that Python puts in its place."""
+    text = inspect.getdoc(of) or ""
+    return "" if text.startswith(f"{of.__name__}(") else text
 
 
 def _print_all() -> None:
@@ -54,8 +60,8 @@ def _print_all() -> None:
 
 def _print_one(name: str) -> None:
     of = model(name)
-    print(textwrap.fill(f"{name}: {_about(type(of))}", WIDTH) + "\n")
-    for paragraph in (inspect.getdoc(type(of)) or "").split("\n\n"):
+    print(textwrap.fill(f"{name}: {_about(type(of)) or type(of).__name__}", WIDTH) + "\n")
+    for paragraph in filter(None, _text(type(of)).split("\n\n")):
         print(textwrap.fill(paragraph, WIDTH) + "\n")
     rows = parameter_texts(of)
     width = max([len(row.name) for row in rows], default=0) + 2

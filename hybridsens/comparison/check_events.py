@@ -1,5 +1,6 @@
 """Every event by itself: variations of the piece of motion around it, by three methods, and their determinant."""
 
+import functools
 from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from ..parameters import flatten_parameters
 from ..simulate import simulate
 from ..status import Status
 from .check_motions import Call
+from .differentiate import QUICKLY
 from .finite_differences import best_finite_differences
 
 MOST = 24
@@ -144,7 +146,8 @@ def _compile(scene, settings) -> Compiled:
 
     forward = lambda u, t0, t1: jax.jacfwd(lambda u: final(u, t0, t1, ForwardSensitivities()))(u)
     reverse = lambda w, u, t0, t1: jax.grad(lambda u: w @ final(u, t0, t1, Replay()))(u)
-    return Compiled(eqx.filter_jit(move), jax.jit(forward), jax.jit(reverse))
+    once = functools.partial(jax.jit, compiler_options=QUICKLY)  # for each piece; `move` runs for every difference
+    return Compiled(eqx.filter_jit(move), once(forward), once(reverse))
 
 
 def divergence(scene, t, q, v) -> Float[Array, ""]:

@@ -16,7 +16,7 @@ from .check_events import check_events
 from .check_motions import on_sequence, value_with_calls
 from .check_reference import reference_gradient, resolved_gradient
 from .check_report import GradientCheck
-from .differentiate import value_and_gradient
+from .differentiate import QUICKLY, value_and_gradient
 from .finite_differences import best_finite_differences
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
 from .gradient_methods import from_adjoint
@@ -45,10 +45,10 @@ def check_gradient(
     Where something is in doubt, `causes` says what is likely behind it, and what to do.
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`. `adjoint`
-    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `progress`: say on
-    a terminal what is waited for; a check compiles some ten programs, which takes a minute or more. `settings`: see
-    `Settings`; rtol = atol = 1e-12, since differences divide the noise of motions by the width, 256 events and 16384
-    steps by default.
+    is the reverse method to check, one that is exact for the computed motion; by default `Replay()`. `progress`: show,
+    on a terminal or in a notebook, what is waited for; a check compiles some ten programs, which takes a minute or
+    more. `settings`: see `Settings`; rtol = atol = 1e-12, since differences divide the noise of motions by the width,
+    256 events and 16384 steps by default.
 
     Raises: SimulationError if the motion does not reach its end.
     """
@@ -113,7 +113,7 @@ def _off(entry: ParameterCheck, right: float, limit: float) -> bool:
 
 def _gradient(parameters: FlatParameters, cost: Cost, adjoint: AbstractGradientMethod, settings):
     method = from_adjoint(adjoint, **settings)
-    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
+    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode, options=QUICKLY)
     _, gradient, reported = run(parameters.vector)
     raise_unless_reached_end(reported)
     return np.asarray(gradient)

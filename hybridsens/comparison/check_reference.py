@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ..adjoint.methods import Replay
 from ..parameters import FlatParameters
-from .differentiate import value_and_gradient
+from .differentiate import QUICKLY, value_and_gradient
 from .functional import Cost, all_reached_end, functional
 from .gradient_methods import from_adjoint
 
@@ -31,7 +31,7 @@ def resolved_gradient(parameters: FlatParameters, cost: Cost, settings: dict[str
     nan where the steps do not suffice for that, or where the motions do not have the given numbers of events.
     """
     method = from_adjoint(tight_replay(settings["rtol"], parameters.vector.dtype), **settings)
-    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
+    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode, options=QUICKLY)
     _, gradient, reported = run(parameters.vector)
     same = all_reached_end(reported) and [int(count) for count in reported.count] == counts
     return np.asarray(gradient) if same else np.full(parameters.vector.shape, np.nan)

@@ -9,15 +9,20 @@ import numpy as np
 
 Mode = Literal["reverse", "forward", "differences"]
 
+QUICKLY = {"xla_backend_optimization_level": 0}
+"""How to compile a program that runs a few times only: without optimization, which takes longer than such runs."""
+
 
 def value_and_gradient(
-    function: Callable, mode: Mode, succeeded: Callable[[Any], bool] = lambda aux: True
+    function: Callable, mode: Mode, succeeded: Callable[[Any], bool] = lambda aux: True, options: Any = None
 ) -> Callable[[Any], tuple[Any, Any, Any]]:
-    """vector -> (value, gradient, auxiliary output), compiled; `function` returns (value, auxiliary output)."""
+    """vector -> (value, gradient, auxiliary output), compiled; `function` returns (value, auxiliary output). `options`
+    are those of the compiler."""
     if mode == "reverse":
-        return jax.jit(lambda vector: _reorder(*jax.value_and_grad(function, has_aux=True)(vector)))
+        way = lambda vector: _reorder(*jax.value_and_grad(function, has_aux=True)(vector))
+        return jax.jit(way, compiler_options=options)
     if mode == "forward":
-        return jax.jit(lambda vector: _forward(function, vector))
+        return jax.jit(lambda vector: _forward(function, vector), compiler_options=options)
     return central_differences(jax.jit(function), succeeded)
 
 

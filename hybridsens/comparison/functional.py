@@ -4,7 +4,9 @@ import inspect
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..mechanics.switches import has_switches
@@ -15,6 +17,7 @@ from ..scenes import ShippedScene
 from ..solution import Solution
 from ..status import Status
 from ..systems import ShippedSystem
+from ..validation.asked import kind_of
 
 Cost = Callable[..., Any]
 """cost(scene, simulate) -> scalar, or cost(system, solve). The second argument stands for `hybridsens.simulate` or
@@ -47,10 +50,14 @@ def ready_made_motion(scene, simulate, **settings):
 def choose_cost(scene, cost: Any) -> Cost:
     """The cost given, or a ready-made scene's own. Raises: TypeError where there is neither, or one of other
     arguments."""
+    if isinstance(scene, type):
+        raise TypeError(f"`scene` must be a scene or a system, but is {kind_of(scene)}.")
     if callable(scene) and cost is not None and not callable(cost):
         raise TypeError(
             f"The scene comes first and the cost second, but a {type(cost).__name__} stands in the place of the cost."
         )
+    if cost is not None and not callable(cost):
+        raise TypeError(f"`cost` must be a function cost(scene, simulate) -> scalar, but is {kind_of(cost)}.")
     if cost is not None:
         _must_take_both(scene, cost)
         return cost
@@ -84,13 +91,24 @@ def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Ca
             motions.append(simulate(*arguments, **settings))
             return motions[-1]
 
-        J = jnp.asarray(cost(parameters.rebuild(vector), recording))
-        if J.shape != () or not jnp.issubdtype(J.dtype, jnp.floating):
-            raise TypeError(f"`cost` must return a real scalar, but returns {J.dtype} of shape {J.shape}.")
+        J = _real_scalar(cost(parameters.rebuild(vector), recording))
         known = [motion for motion in motions if isinstance(motion, Trajectory | Solution)]
         return J, Reported(tuple(m.status for m in known), tuple(m.events.count for m in known))
 
     return value
+
+
+def _real_scalar(J: Any) -> Float[Array, ""]:
+    must = "`cost` must return a real scalar, but returns"
+    if J is None:
+        raise TypeError(f"{must} None: is a `return` missing?")
+    if not isinstance(J, jax.Array | np.ndarray | np.generic | float):
+        remedy = ": take a number from it, `.final.q[0]` or `.cost`" if isinstance(J, Trajectory | Solution) else ""
+        raise TypeError(f"{must} {type(J).__name__}{remedy}.")
+    J = jnp.asarray(J)
+    if J.shape != () or not jnp.issubdtype(J.dtype, jnp.floating):
+        raise TypeError(f"{must} {J.dtype} of shape {J.shape}.")
+    return J
 
 
 def reached_end(status: Status) -> bool:

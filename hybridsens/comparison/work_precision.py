@@ -10,11 +10,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from rich.progress import Progress
 
 from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, ForwardSensitivities, Replay
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings
+from ..waiting import counted
 from .compare import Reference, relative_error, tight_reference
 from .differentiate import value_and_gradient
 from .failure import reason
@@ -105,13 +105,8 @@ def _missing(lines: list[Line], points: Sequence[Point]) -> list[Line]:
 
 
 def _with_progress(lines: list[Line], measure: Callable[[Line], Iterator[Point]], shown: bool) -> Iterator[Point]:
-    with Progress(disable=not shown, transient=True) as bar:
-        task = bar.add_task("measuring", total=sum(len(line.tolerances) for line in lines))
-        for line in lines:
-            bar.update(task, description=", ".join(line.label))
-            for point in measure(line):
-                yield point
-                bar.advance(task)
+    for line in counted(lines, lambda line: ", ".join(line.label), shown):
+        yield from measure(line)
 
 
 def measure_line(scene, cost: Cost, line: Line, reference: Reference, settings) -> Iterator[Point]:

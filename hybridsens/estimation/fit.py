@@ -12,6 +12,7 @@ from jaxtyping import Array
 from ..mechanics.scene import AbstractScene
 from ..settings import Settings, chosen_settings
 from ..system import AbstractHybridSystem
+from ..validation.asked import kind_of
 from ..waiting import waiting
 from . import prepare
 from .assemble import build_result
@@ -86,15 +87,17 @@ def fit(
     - `starts`: descend from so many points around the guess, in one compiled run, and go on from the best: a number, or
       `RandomStarts(count, spread, seed)`.
     - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
-    - `progress`: print a line for every iteration, and on a terminal how long compiling takes before the first; or a
+    - `progress`: print a line for every iteration, and how long compiling takes before the first; or a
       function that is called with every `Iteration`, and stops the fit by returning True. Ctrl-C ends it too. The best
-      point so far is returned; `fit(result.scene, ...)` goes on.
+      point so far is returned, if there is one; `fit(result.scene, ...)` goes on.
     - `store`: a JSON file that holds the best values at any time. If it is there already, the fit goes on from them
       instead of the scene's.
     - `settings`: see `Settings`; rtol = atol = 1e-8, 256 events and 4096 steps by default.
 
     Raises: ValueError for measurements, names, bounds or priors that do not fit; for a guess whose motion fails.
     """
+    if not isinstance(scene, AbstractScene | AbstractHybridSystem):
+        raise TypeError(f"`scene` must be a scene or a system, and come before the data, but is {kind_of(scene)}.")
     measured = read_measurements(data)
     _check(max_iterations, patience, robust, measured)
     chosen = chosen_settings("fit", settings, prepare.SETTINGS, arguments=_own_arguments())
@@ -116,7 +119,8 @@ def fit(
             several, z = _from_many(how, problem, spread_starts(problem, z, starts), max_iterations)
             how = plain
         descents = _to_the_end(how, problem, z, Limits(max_iterations, patience), callbacks)
-    return build_result(how, problem, measured, guess, descents, several)
+    with waiting("compiling intervals", bool(progress)):
+        return _even_if_interrupted(lambda: build_result(how, problem, measured, guess, descents, several))
 
 
 def _check(max_iterations: int, patience: int, robust: float | None, measured: Measurements) -> None:
@@ -150,8 +154,16 @@ def _to_the_end(how: Method | Growing, problem: Problem, z, limits: Limits, call
     first = descend(how, problem, z, limits, callbacks)
     if first.whole:
         return [first]
-    last = descend(how, problem, first.z, Limits(0, 1), callbacks, stages=False)
+    last = _even_if_interrupted(lambda: descend(how, problem, first.z, Limits(0, 1), callbacks, stages=False))
     return [first, last._replace(stopped=first.stopped)]
+
+
+def _even_if_interrupted(work: Callable[[], Any]) -> Any:
+    """What is made of a descent that has ended. Ctrl-C would only lose it, so the first one is let pass."""
+    try:
+        return work()
+    except KeyboardInterrupt:
+        return work()
 
 
 def _listener(

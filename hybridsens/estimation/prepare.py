@@ -11,6 +11,7 @@ import numpy as np
 from ..mechanics.scene import State
 from ..mechanics.switches import has_switches
 from ..system import AbstractHybridSystem
+from ..validation.asked import Asked
 from ..validation.spelling import did_you_mean
 from .data import Measurements
 from .motions import FixedSettings, Start, entries, picks
@@ -96,7 +97,10 @@ def observer(observe: Callable[..., Any] | None, scene, start: tuple, names: tup
     if observe is None:
         return StateObserver(picks(names, start))
     state = (start[0].q, start[0].v) if isinstance(start[0], State) else (jax.tree.map(jnp.asarray, start[0]),)
-    seen = eqx.filter_eval_shape(observe, scene, jnp.zeros(()), *state)
+    form = "observe(scene, t, q, v)" if isinstance(start[0], State) else "observe(system, t, x)"
+    seen = eqx.filter_eval_shape(Asked(form, observe), scene, jnp.zeros(()), *state)
+    if seen is None:
+        raise TypeError("`observe` must return what was measured, but returns None: is a `return` missing?")
     if isinstance(seen, Mapping):
         unknown = [name for name in names if name not in seen]
         if unknown:

@@ -3,6 +3,7 @@
 import functools
 import math
 import os
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,8 @@ from jax import lax
 
 from ..numerics.small_arrays import all_of
 from ..status import Status
-from ..validation.returned import returned_array, returned_leaves
+from ..validation.asked import Asked, kind_of
+from ..validation.returned import must_have_shape, returned_array, returned_leaves
 from .contact import gap_and_rate
 from .mass import ConstantMass, is_positive_definite, mass_entries
 from .mode import ContactMode, gap_tolerance
@@ -19,40 +21,53 @@ from .scene import AbstractScene, State
 from .status import ContactStatus
 from .typed import as_written
 
+_FOR_EACH_GAP = " It must have an entry for each gap."
+
+
+def check_kinds(scene: Any, state: Any) -> None:
+    """Raise TypeError unless there are a scene and a state, in this order."""
+    if isinstance(scene, State) and isinstance(state, AbstractScene):
+        raise TypeError(
+            "`scene` must come first and `state` second, but they stand the other way round: write "
+            "simulate(scene, state, t1=...)."
+        )
+    if not isinstance(scene, AbstractScene):
+        elsewhere = ", a hybrid system: use hybridsens.solve" if hasattr(scene, "transition") else ""
+        raise TypeError(f"`scene` must be a hybridsens.AbstractScene, but is {kind_of(scene)}{elsewhere}.")
+    if not isinstance(state, State):
+        remedy = "." if isinstance(state, type) else ": use State(q, v)."
+        raise TypeError(f"`state` must be a hybridsens.State, but is {kind_of(state)}{remedy}")
+
 
 def check_shapes(scene: AbstractScene, state: State, running_cost) -> bool:
     """Raise ValueError or TypeError where the scene's functions do not fit the state or each other.
 
     Returns: whether all of them return the type of the state."""
-    if not isinstance(scene, AbstractScene):
-        raise TypeError(f"`scene` must be a hybridsens.AbstractScene, but is {type(scene).__name__}.")
-    if not isinstance(state, State):
-        raise TypeError(f"`state` must be a hybridsens.State, but is {type(state).__name__}: use State(q, v).")
     q, v = state.q, state.v
     if q.ndim != 1 or q.shape != v.shape or q.shape[0] == 0:
         raise ValueError(
             f"The state must have q and v of one shape (dof,) with dof >= 1, but has q {q.shape} and v {v.shape}. "
             "For a batch of motions use jax.vmap."
         )
-    dof = q.shape[0]
-    t = jax.ShapeDtypeStruct((), q.dtype)
+    t, owner = jax.ShapeDtypeStruct((), q.dtype), type(as_written(scene))
+    asked = lambda form: Asked(form, getattr(scene, form.partition("(")[0]), owner)
     if running_cost is not None and not callable(running_cost):
         raise TypeError(f"`running_cost` must be a function of (scene, t, q, v), but is {type(running_cost).__name__}.")
-    gap = returned_array("gap", scene.gap, t, q)
-    if gap.ndim != 1:
-        raise ValueError(f"`gap` must return an array of shape (contact,), but returns shape {gap.shape}.")
+    gap = must_have_shape(asked("gap(t, q)"), returned_array(asked("gap(t, q)"), t, q), ("contact",))
     if jnp.finfo(gap.dtype).bits < jnp.finfo(q.dtype).bits:  # its rounding is what events are told by
         raise TypeError(
             f"`gap` must return {q.dtype}, the type of the state, but returns {gap.dtype}, which is coarser: give both "
             "one type."
         )
     returned = [
-        _must_be("mass_matrix", returned_mass(scene, q), (dof, dof)),
-        _must_be("force", returned_array("force", scene.force, t, q, v), (dof,)),
-        _must_be("restitution", returned_array("restitution", scene.restitution), gap.shape),
+        _of_coordinates(asked("mass_matrix(q)"), returned_mass(asked("mass_matrix(q)"), q), (q, q)),
+        _of_coordinates(asked("force(t, q, v)"), returned_array(asked("force(t, q, v)"), t, q, v), (q,)),
+        must_have_shape(asked("restitution()"), returned_array(asked("restitution()")), gap.shape, _FOR_EACH_GAP),
     ]
-    if running_cost is not None and not returned_leaves("running_cost", running_cost, as_written(scene), t, q, v):
-        raise TypeError("`running_cost` must return real numbers, but returns nothing.")
+    if running_cost is not None:
+        cost = Asked("running_cost(scene, t, q, v)", running_cost)
+        if not returned_leaves(cost, as_written(scene), t, q, v):
+            raise TypeError("`running_cost` must return real numbers, but returns nothing: is a `return` missing?")
     return all(function.dtype == q.dtype for function in [gap, *returned])
 
 
@@ -94,13 +109,13 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status
     return status
 
 
-def returned_mass(scene: AbstractScene, q) -> jax.ShapeDtypeStruct:
+def returned_mass(asked: Asked, q) -> jax.ShapeDtypeStruct:
     """Shape and type of the mass matrix: an array, or a linear operator from coordinates to coordinates.
 
     Raises: TypeError or ValueError where it is neither, or where an operator does not fit itself."""
 
     def as_array(q):
-        mass = scene.mass_matrix(q)
+        mass = asked(q)
         if not isinstance(mass, lx.AbstractLinearOperator):
             return mass
         sizes = mass.out_size(), mass.in_size()
@@ -112,7 +127,7 @@ def returned_mass(scene: AbstractScene, q) -> jax.ShapeDtypeStruct:
         parts = jax.tree.leaves(mass_entries(mass))
         return jnp.zeros(sizes, parts[0].dtype if parts else q.dtype)
 
-    return returned_array("mass_matrix", as_array, q)
+    return returned_array(asked._replace(function=as_array), q)
 
 
 def _definite(mass, event):
@@ -122,10 +137,11 @@ def _definite(mass, event):
     return lax.cond(event < 0, lambda: is_positive_definite(mass), lambda: jnp.array(True))
 
 
-def _must_be(name: str, returned: jax.ShapeDtypeStruct, expected) -> jax.ShapeDtypeStruct:
-    if returned.shape != expected:
-        raise ValueError(f"`{name}` must return an array of shape {expected}, but returns shape {returned.shape}.")
-    return returned
+def _of_coordinates(asked: Asked, returned: jax.ShapeDtypeStruct, axes: tuple) -> jax.ShapeDtypeStruct:
+    """What is returned, with an axis for each time that q is named. Raises: ValueError where it has other ones."""
+    dof = axes[0].shape[0]
+    why = f" The state has dof = {dof}: where the scene has another number of coordinates, the state is wrong."
+    return must_have_shape(asked, returned, tuple(dof for _ in axes), why if returned.ndim == len(axes) else "")
 
 
 @functools.cache

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..interval.kind import Kind, kinds
+from ..validation.asked import Asked
+from ..validation.returned import described, must_have_shape
 from .scene import AbstractScene
 
 
@@ -62,23 +64,34 @@ class LagrangianScene(AbstractScene):
         lagrangian = lambda q: self._kinetic(q, v) - self._potential(q)
         momentum = lambda q: jax.grad(self._kinetic, argnums=1)(q, v)
         convected = jax.jvp(momentum, (q,), (v,))[1]  # how dT/dv changes because q does
-        dissipated = jax.grad(lambda v: _scalar("dissipation", self.dissipation(q, v)))(v)
-        return jax.grad(lagrangian)(q) - convected - dissipated + self.applied_force(t, q, v)
+        dissipated = jax.grad(lambda v: _scalar(Asked.of(self, "dissipation(q, v)"), q, v))(v)
+        return jax.grad(lagrangian)(q) - convected - dissipated + _applied(self, t, q, v)
 
     def _kinetic(self, q, v):
-        return _scalar("kinetic_energy", self.kinetic_energy(q, v))
+        return _scalar(Asked.of(self, "kinetic_energy(q, v)"), q, v)
 
     def _potential(self, q):
-        return _scalar("potential_energy", self.potential_energy(q))
+        return _scalar(Asked.of(self, "potential_energy(q)"), q)
 
 
-def _scalar(name: str, energy) -> Float[Array, ""]:
-    if jnp.shape(energy) != ():
+def _scalar(asked: Asked, *arguments) -> Float[Array, ""]:
+    """An energy. Raises: TypeError or ValueError where it is no real scalar."""
+    energy = asked(*arguments)
+    energy = jnp.asarray(float(energy)) if type(energy) in (int, float) else energy  # none at all: `return 0`
+    shape = described(asked, energy).shape
+    if shape != ():
         raise ValueError(
-            f"`{name}` must return a scalar, but returns shape {jnp.shape(energy)}. Sum over its parts, or take the "
-            "one entry: `0.5 * mass * v[0] ** 2`, or `0.5 * mass * v @ v`."
+            f"`{asked.name}` must return a scalar, but {asked.it}returns shape {shape}. Sum over its parts, or take "
+            "the one entry: `0.5 * mass * v[0] ** 2`, or `0.5 * mass * v @ v`."
         )
     return energy
+
+
+def _applied(scene: LagrangianScene, t, q, v):
+    asked = Asked.of(scene, "applied_force(t, q, v)")
+    force = asked(t, q, v)
+    must_have_shape(asked, described(asked, force), q.shape)
+    return force
 
 
 def _refuse_if_it_depends_on_v(hessian, q) -> None:

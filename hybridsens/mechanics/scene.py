@@ -9,6 +9,7 @@ import lineax as lx
 from jaxtyping import Array, Float
 
 from ..export.printed import printed
+from ..validation.numbers import numbers_to_arrays
 
 
 class State(eqx.Module):
@@ -33,7 +34,8 @@ class AbstractScene(eqx.Module):
         M(q) v' = F(t, q, v) + G lambda,   0 <= lambda _|_ Phi(t, q) >= 0,   G = (dPhi/dq)^T      (1.1)-(1.2)
 
     Subclass it, give it fields and these four methods. Every array field is a parameter: gradients of a cost of
-    the motion come back in a scene of the same class.
+    the motion come back in a scene of the same class. A number given for a field that is declared as an array is made
+    one; fields declared as `float` or `int` are constants, whose gradient is None.
     """
 
     sustained_contact: ClassVar[bool] = True
@@ -50,6 +52,9 @@ class AbstractScene(eqx.Module):
     """Set to True in a scene whose functions have kinks or jumps in t, q or v that do no harm: then no
     `DiscontinuityWarning` tells of them. A guard against a division by zero, `jnp.where(r > 0, r, 1)`, is such a one:
     its trace looks like that of a jump."""
+
+    def __check_init__(self):
+        numbers_to_arrays(self)
 
     def __repr__(self) -> str:
         return printed(self)

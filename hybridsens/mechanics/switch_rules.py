@@ -5,8 +5,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from ..validation.asked import Asked
 from ..validation.closures import hides_tracers, method_of
-from ..validation.returned import returned_array
+from ..validation.returned import must_have_shape, returned_array
 from ..validation.structures import must_be_pair, must_match, outcome
 from .closures import lifted
 from .scene import State
@@ -18,8 +19,8 @@ def check_mode(scene: Any, mode: Any) -> None:
     """Raise TypeError for a mode that nothing could be done with."""
     if mode is not None and not has_switches(scene):
         raise TypeError(
-            f"`mode` must be left out for a {type(scene).__name__}, which has no switches. A scene whose force has "
-            "modes is a hybridsens.AbstractSwitchedScene."
+            f"`mode` must be left out for a {type(scene).__name__}, which has no switches. It is the third argument: "
+            "times are given by name, t1=1.0. A scene whose force has modes is a hybridsens.AbstractSwitchedScene."
         )
 
 
@@ -39,18 +40,17 @@ def _count_switches(scene: AbstractSwitchedScene, state: State, mode: Any) -> in
     described = lambda tree: jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree)
     q, v, mode = described((state.q, state.v, mode))
     t, event = jax.ShapeDtypeStruct((), q.dtype), jax.ShapeDtypeStruct((), jnp.asarray(0).dtype)
-    switches = returned_array("switches", scene.switches, t, q, v, mode)
-    if switches.ndim != 1:
-        raise ValueError(f"`switches` must return an array of shape (switch,), but returns shape {switches.shape}.")
+    asked, kick = Asked.of(scene, "switches(t, q, v, mode)"), Asked.of(scene, "switch(event, t, q, v, mode)")
+    switches = must_have_shape(asked, returned_array(asked, t, q, v, mode), ("switch",))
     if jnp.finfo(switches.dtype).bits < jnp.finfo(q.dtype).bits:  # its rounding is what events are told by
         raise TypeError(
             f"`switches` must return {q.dtype}, the type of the state, but returns {switches.dtype}, which is coarser: "
             "give both one type."
         )
-    after = outcome("switch", scene.switch, event, t, q, v, mode)
-    must_be_pair("switch", after, "(v, mode)")
-    must_match("switch", "the velocities", after[0], v, exact=False)
-    must_match("switch", "the mode", after[1], mode, exact=True)
+    after = outcome(kick, event, t, q, v, mode)
+    must_be_pair(kick, after, "(v, mode)")
+    must_match(kick, "the velocities", after[0], v, exact=False)
+    must_match(kick, "the mode", after[1], mode, exact=True)
     return switches.shape[0]
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
+from ..validation.asked import Asked
 from .scene import AbstractScene
 from .typed import WrappedScene, as_written
 
@@ -54,16 +55,16 @@ class InMode(WrappedScene):
     mode: Any
 
     def mass_matrix(self, q):
-        return self.scene.mass_matrix(q)
+        return Asked.of(self.scene, "mass_matrix(q)")(q)
 
     def force(self, t, q, v):
-        return self.scene.force(t, q, v, self.mode)
+        return Asked.of(self.scene, "force(t, q, v, mode)")(t, q, v, self.mode)
 
     def gap(self, t, q):
-        return self.scene.gap(t, q)
+        return Asked.of(self.scene, "gap(t, q)")(t, q)
 
     def restitution(self):
-        return self.scene.restitution()
+        return Asked.of(self.scene, "restitution()")()
 
 
 class CostInMode(eqx.Module):
@@ -73,7 +74,7 @@ class CostInMode(eqx.Module):
     mode: Any
 
     def __call__(self, scene, t, q, v):
-        return self.function(scene, t, q, v, self.mode)
+        return Asked("running_cost(scene, t, q, v, mode)", self.function)(scene, t, q, v, self.mode)
 
 
 def in_mode(scene: AbstractScene, running_cost: Callable | None, mode: Any) -> tuple[AbstractScene, Callable | None]:

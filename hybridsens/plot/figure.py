@@ -41,7 +41,13 @@ def must_be_sampled(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sample_times(name: str, motion: Trajectory | Solution) -> np.ndarray:
-    """Times of the samples of what an argument `name` is. Raises: ValueError where there are none, or of a batch."""
+    """Times of the samples of what an argument `name` is. Raises: ValueError where there are none, or of a batch;
+    TypeError where it is no motion."""
+    if not isinstance(motion, Trajectory | Solution):
+        raise TypeError(
+            f"`{name}` must be a motion, as `simulate` or `solve` returns it, but is {type(motion).__name__}: what "
+            "moved comes first, and its motion second."
+        )
     if isinstance(motion.events.count, jax.core.Tracer):
         raise ValueError("A motion is drawn outside of jax.jit, jax.grad and jax.vmap.")
     if motion.ts is None:

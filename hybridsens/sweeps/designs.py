@@ -68,6 +68,11 @@ def grid(scene: Any, values: Mapping[str, Sequence[float] | np.ndarray | jax.Arr
 
     Each parameter is a dimension of the result. Raises ValueError for an unknown name or a bad list of values.
     """
+    if not isinstance(values, Mapping):
+        raise TypeError(
+            "`values` must be a mapping of parameters to lists of numbers, grid(scene, {\"mass\": [1.0, 2.0]}), but is "
+            f"{type(values).__name__}."
+        )
     check_names(scene, values)
     axes = {name: np.asarray(axis, float) for name, axis in values.items()}
     for name, axis in axes.items():
@@ -119,7 +124,10 @@ def batch(scenes: Any) -> Design:
     leaves = parameters(scenes)
     lengths = {name: leaf.shape[0] if leaf.ndim > 0 else 0 for name, leaf in leaves.items()}
     if len(set(lengths.values())) != 1 or 0 in lengths.values():
-        raise ValueError(f"All parameters of the scenes must have the same leading axis, but have lengths {lengths}.")
+        raise ValueError(
+            f"All parameters of the scenes must have the same leading axis, but have lengths {lengths}. The "
+            "points around one scene are made by grid, latin_hypercube or sobol."
+        )
     (size,) = set(lengths.values())
     columns = {name: np.asarray(leaf) for name, leaf in leaves.items()}
     first = jax.tree.map(lambda leaf: leaf[0] if eqx.is_inexact_array(leaf) else leaf, scenes)

@@ -11,6 +11,7 @@ from ..mechanics.trajectory import Trajectory
 from ..parameters import parameters, replace
 from ..solution import Solution
 from ..status import Status
+from ..validation.asked import Asked
 
 NOT_COMPUTED = -1
 """Status of a point that a store has room for and that has not been reached yet."""
@@ -56,7 +57,7 @@ def _differentiate(cost, scene, wanted: Wanted) -> tuple[Any, Any, dict[str, Any
     chosen = {name: parameters(scene)[name] for name in wanted.gradient}
 
     def value(chosen):
-        j, trajectory = _value_and_trajectory(cost(replace(scene, chosen)), wanted)
+        j, trajectory = _value_and_trajectory(Asked("cost(scene)", cost)(replace(scene, chosen)), wanted)
         return j, (j, trajectory)
 
     if not chosen:
@@ -77,7 +78,9 @@ def _value_and_trajectory(out, wanted: Wanted):
     j, trajectory = out if isinstance(out, tuple) and len(out) == 2 else (out, None)
     shape, dtype = getattr(j, "shape", None), getattr(j, "dtype", None)
     if shape != () or dtype is None or not jnp.issubdtype(dtype, jnp.floating):
-        raise ValueError(f"The cost must have a real scalar as its value, but has {j}.")
+        found = f"{type(j).__name__}" if shape is None else f"{dtype} of shape {shape}"
+        remedy = ": return (J, motion), with a number J of it" if isinstance(j, Trajectory | Solution) else ""
+        raise ValueError(f"The cost must have a real scalar as its value, but has {found}{remedy}.")
     if trajectory is not None and not isinstance(trajectory, Trajectory | Solution):
         raise TypeError(
             "The cost must return J, or (J, motion) with what `simulate` or `solve` returned, but returns "

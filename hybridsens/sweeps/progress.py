@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from ..waiting import below_the_cell, in_notebook
 from .dataset import remedies, status_counts
 
 if TYPE_CHECKING:
@@ -22,6 +23,11 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
     """
     if not shown:
         yield lambda done: None
+        return
+    if in_notebook():  # where Rich has a bar only with a library of widgets
+        with below_the_cell("compiling the sweep") as tell:
+            here = [present]
+            yield lambda done: here.append(here[-1] + done) or tell(f"sweep, {here[-1]:,} of {points:,} points")
         return
     columns = (
         TextColumn("sweep"), BarColumn(), MofNCompleteColumn(), TextColumn("points, {task.fields[rate]}"),

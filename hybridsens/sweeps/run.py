@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..parameters import parameters
+from ..validation.asked import kind_of
 from ..validation.spelling import did_you_mean
 from .cluster import run_on_cluster
 from .dataset import from_memory, from_store, xarray
@@ -66,6 +67,8 @@ def sweep(
 
     Raises: ValueError or TypeError for a cost, names, units or a store that do not fit.
     """
+    if not callable(cost):
+        raise TypeError(f"`cost` must be a function of (scene), and come before the scenes, but is {kind_of(cost)}.")
     xarray()  # if it is missing, it is told before anything has been computed
     design = scenes if isinstance(scenes, Design) else batch(scenes)
     _check(chunk, events, client, store)

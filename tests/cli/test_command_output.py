@@ -59,12 +59,14 @@ def test_parameters_have_defaults_units_and_meanings(tmp_path, capsys):
     assert run(["scenes", "bouncing-ball"]) == 0
     rows = [re.split(r"\s{2,}", line) for line in _lines(capsys)]
     assert ["height", "1", "m", "Initial height"] in rows
+    assert ["restitution_coefficient", "0.8", "e, in [0, 1]"] in rows  # no unit, but an interval
     assert run(["scenes", "bouncing-ball", "--json"]) == 0
     (ball,) = json.loads(capsys.readouterr().out)
     weight = next(entry for entry in ball["parameters"] if entry["name"] == "weight")
     assert weight == {"name": "weight", "default": 9.81, "unit": "N", "about": ""}
     assert run(["scenes", f"{file}:Own", "--json"]) == 0
     (own,) = json.loads(capsys.readouterr().out)
+    assert own["about"] == ""  # and not the signature of the class
     assert {"stiffness": "N/m"}.items() <= {entry["name"]: entry["unit"] for entry in own["parameters"]}.items()
 
 

@@ -11,6 +11,7 @@ import pytest
 import hybridsens as hs
 from hybridsens.comparison.check_events import cascades, split_at_events
 from hybridsens.comparison.check_gradient import check_gradient
+from hybridsens.comparison.differentiate import QUICKLY, value_and_gradient
 from hybridsens.comparison.functional import running_cost_functional
 from hybridsens.scenes import BouncingBall
 
@@ -108,3 +109,14 @@ def test_events_that_lie_together_stay_together():
     assert groups == [range(0, 1), range(1, 3), range(3, 4)]
     assert times == pytest.approx([0, 1.5, 2.5, 4])
     assert split_at_events(np.array([jnp.inf]), 0, 0.0, 4.0) == ([], [0.0])
+
+
+@pytest.mark.parametrize("mode", ["reverse", "forward"])
+def test_options_reach_the_compiler(mode):
+    """Programs of a check run a few times each, so that they are compiled quickly rather than well."""
+    square = lambda vector: (vector @ vector, None)
+    x = jnp.arange(3.0)
+    gradients = [value_and_gradient(square, mode, options=options)(x)[1] for options in (None, QUICKLY)]
+    np.testing.assert_array_equal(*gradients)
+    with pytest.raises(jax.errors.JaxRuntimeError, match="no_such_option"):
+        value_and_gradient(square, mode, options={"no_such_option": True})(x)

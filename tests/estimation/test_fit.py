@@ -1,5 +1,7 @@
 """Fits against records that another integrator made, and against closed forms."""
 
+from importlib import import_module
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -69,6 +71,25 @@ def test_an_interrupted_fit_keeps_its_best_point(record):
     result = fit(ElasticStop(**NEAR), record, progress=interrupt, **STOP)
     assert result.stopped == "interrupted" and result.interrupted
     assert result.loss == min(line.loss for line in result.history) < result.history[0].loss
+
+
+def test_an_interruption_after_the_last_iteration_loses_nothing(record, near, monkeypatch):
+    """Assert that Ctrl-C while intervals are computed is let pass once, and that a second one ends the fit."""
+    module, asked = import_module("hybridsens.estimation.fit"), []
+    build = module.build_result
+
+    def interrupted(*given):
+        asked.append(given)
+        if len(asked) == 1:
+            raise KeyboardInterrupt
+        return build(*given)
+
+    monkeypatch.setattr(module, "build_result", interrupted)
+    result = fit(near.scene, record, **STOP)
+    assert len(asked) == 2 and result.stopped == near.stopped and result.standard_errors
+    monkeypatch.setattr(module, "build_result", lambda *given: asked.clear() or interrupted(*given))
+    with pytest.raises(KeyboardInterrupt):
+        fit(near.scene, record, **STOP)
 
 
 @pytest.mark.slow

@@ -1,0 +1,84 @@
+"""What a user's function is asked: by what name, with which arguments, and of which class it is a method."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+
+
+class Asked(NamedTuple):
+    """A function that a user wrote, beside how it must be written."""
+
+    form: str
+    """Its name and arguments: "force(t, q, v)"."""
+    function: Any
+    owner: type | None = None
+    """The class whose method it is."""
+
+    @staticmethod
+    def of(thing: Any, form: str) -> "Asked":
+        """A method of a scene or a system."""
+        return Asked(form, getattr(thing, form.partition("(")[0]), type(thing))
+
+    @property
+    def name(self) -> str:
+        """The name alone."""
+        return self.form.partition("(")[0]
+
+    @property
+    def it(self) -> str:
+        """Its second mention in a sentence: "but that of Ball returns ..."."""
+        return "" if self.owner is None else f"that of {self.owner.__name__} "
+
+    def __call__(self, *arguments) -> Any:
+        """The function's own outcome. Raises: TypeError that says how to write it where it is written otherwise."""
+        return self.call(self.function, *arguments)
+
+    def call(self, function: Any, *arguments) -> Any:
+        """The same of the function with other leaves: traced ones."""
+        if not callable(function):
+            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {self._where(kind_of(self.function))}.")
+        try:
+            return function(*arguments)
+        except TypeError as error:
+            if _takes(function, arguments):
+                raise
+            written = self._where(_written(self.function if self.owner is None else getattr(self.owner, self.name)))
+            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}.") from error
+
+    @property
+    def _wanted(self) -> str:
+        parameters = self.form.partition("(")[2]
+        if self.owner is None:
+            return f"a function of ({parameters}"
+        own = "self" if parameters == ")" else "self, "
+        return f"a method `def {self.name}({own}{parameters}`"
+
+    def _where(self, written: str) -> str:
+        return written if self.owner is None else f"{written} in {self.owner.__name__}"
+
+
+def kind_of(value: Any) -> str:
+    """What was given, in a word or two; a class where one of its instances may be meant."""
+    if isinstance(value, type):
+        return f"the class {value.__name__} itself: make one of it, {value.__name__}(...)"
+    return "an array" if isinstance(value, jax.Array) else type(value).__name__
+
+
+def _takes(function: Callable, arguments) -> bool:
+    """Whether a function can be called with so many arguments; True of one that does not tell."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except ValueError:
+        return True
+    except TypeError:
+        return False
+    return True
+
+
+def _written(function: Any) -> str:
+    """`force(self, q)`: how a function was written, without its annotations."""
+    given = inspect.signature(function).parameters.values()
+    names = ", ".join(str(parameter.replace(annotation=inspect.Parameter.empty)) for parameter in given)
+    return f"`{getattr(function, '__name__', type(function).__name__)}({names})`"

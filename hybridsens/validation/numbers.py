@@ -1,0 +1,79 @@
+"""Numbers in the fields of a scene or a system: those of an array's field become arrays, others are told of.
+
+`eqx.filter_grad` differentiates by arrays of real numbers, and gives None for every other leaf, without a word. So
+
+- a Python number in a field that is declared as an array becomes a real array: the declaration says what is meant;
+- one in a field that is declared otherwise (`length: float`) stays as it is. Equinox takes it for a constant, which
+  may be asked about by `if`, and a checker of annotations would refuse an array there. The same goes for an array of
+  integers, which may be indices. Where a derivative by the other leaves is taken, a warning names them; and at once
+  where there are no others, for a derivative by none leaves no trace.
+"""
+
+import dataclasses
+import re
+import warnings
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+_ARRAY = re.compile(r"\bArray(Like)?\b")
+_OF_INTEGERS = re.compile(r"\b(U?Int\d*|Integer|Bool|Key|PRNGKeyArray|Shaped)\b")
+
+
+def numbers_to_arrays(module: Any) -> None:
+    """Put real arrays in the place of numbers in fields that are declared as arrays; called while `module` is made."""
+    for field in dataclasses.fields(module):
+        value = getattr(module, field.name, None)
+        number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+        if number and _ARRAY.search(str(field.type)) and not _OF_INTEGERS.search(str(field.type)):
+            object.__setattr__(module, field.name, jnp.array(value, float))  # Equinox freezes what is made
+
+
+def told_of_constants(module: Any) -> Any:
+    """The module, of which a warning tells what is no parameter, if a derivative by the others is taken."""
+    if not _constants(module):
+        return module
+    if not any(map(eqx.is_inexact_array, jax.tree.leaves(module))):
+        _warn(module)
+    return _told(module)
+
+
+@eqx.filter_custom_jvp
+def _told(module: Any) -> Any:
+    return module
+
+
+@_told.def_jvp
+def _told_jvp(primals, tangents):
+    (module,), (tangent,) = primals, tangents
+    if jax.tree.leaves(tangent):
+        _warn(module)
+    return module, tangent
+
+
+def _warn(module: Any) -> None:
+    name, constants = type(module).__name__, _constants(module)
+    warnings.warn(
+        f"A parameter must be an array of real numbers, but {name} has Python numbers or integers in "
+        f"{', '.join(constants)}, so that gradients have None there. Declare the field as jax.Array and give it 1.0 or "
+        "jnp.array(1.0); or, for a constant, write eqx.field(static=True).",
+        stacklevel=2,
+    )
+
+
+def _constants(module: Any) -> list[str]:
+    """Names of the leaves that look like parameters and are none: Python floats, and signed integers in arrays."""
+    name = lambda path: jax.tree_util.keystr(path, simple=True, separator=".")
+    declared = {field.name: str(field.type) for field in dataclasses.fields(module)}
+    meant = {name for name, text in declared.items() if _OF_INTEGERS.search(text)}
+    leaves = jax.tree_util.tree_leaves_with_path(module)
+    return [name(path) for path, leaf in leaves if _is_constant(leaf) and name(path[:1]) not in meant]
+
+
+def _is_constant(leaf: Any) -> bool:
+    if isinstance(leaf, jax.Array | np.ndarray):
+        return jnp.issubdtype(leaf.dtype, jnp.signedinteger)
+    return isinstance(leaf, float)

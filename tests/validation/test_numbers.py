@@ -1,0 +1,127 @@
+"""Numbers in a scene's fields: those meant as parameters have a derivative, and of the others a warning tells."""
+
+import math
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array, Float, Int
+
+import hybridsens as hs
+from hybridsens.sweeps import grid
+from tests.closeness import assert_close
+
+
+class Falling(hs.AbstractScene):
+    """A ball that falls by `weight`, in fields of any sort."""
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -self.weight * jnp.ones(1)
+
+    def gap(self, t, q):
+        return q
+
+    def restitution(self):
+        return self.e * jnp.ones(1)
+
+
+class Ball(Falling):
+    weight: jax.Array
+    e: Float[Array, ""] = 0.8  # type: ignore
+
+
+class FloatBall(Falling):
+    weight: float
+    e: float = 0.8
+
+
+class HalfBall(Falling):
+    weight: jax.Array
+    e: float = 0.8
+
+
+class Tank(hs.AbstractHybridSystem):
+    rate: "Array"
+
+    def flow(self, t, x, mode):
+        return -self.rate * x
+
+    def guards(self, t, x, mode):
+        return x[None] - 0.01
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+def height(ball):
+    return hs.simulate(ball, hs.State([1.0], [0.0]), t1=1.0, max_events=8).final.q[0]
+
+
+def told(call, *arguments) -> list[str]:
+    """Warnings while a call is traced."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        eqx.filter_eval_shape(call, *arguments)
+    return [str(warning.message) for warning in caught]
+
+
+@pytest.mark.parametrize("number", [10, 10.0, np.float32(10), np.int64(10)], ids=lambda number: type(number).__name__)
+def test_a_number_in_the_field_of_an_array_is_a_real_array(number):
+    """Of any sort, given or by default, under a declaration of any sort."""
+    ball = Ball(number)
+    for leaf in (ball.weight, ball.e, Tank(number).rate):
+        assert isinstance(leaf, jax.Array) and leaf.dtype == jnp.result_type(float) and not leaf.weak_type
+
+
+def test_a_number_has_a_derivative():
+    """Where its field is that of an array, in a scene and in a system; it is that of the closed form."""
+    fall = lambda g: jnp.sqrt(2 / g)
+    exact = lambda g, e: e * g * fall(g) * (1 - fall(g)) - g * (1 - fall(g)) ** 2 / 2
+    found = eqx.filter_grad(height)(Ball(10))
+    assert_close(jnp.stack([found.weight, found.e]), jnp.stack(jax.grad(exact, (0, 1))(10.0, 0.8)), 1e-7)
+    left = eqx.filter_grad(lambda tank: hs.solve(tank, 1.0, t1=0.2).final)(Tank(1))
+    assert_close(left.rate, -0.2 * math.exp(-0.2), 1e-7)
+
+
+def test_what_is_declared_otherwise_stays():
+    """Floats, integers, indices, truths, and whatever is an array already."""
+
+    class Odd(Falling):
+        length: float
+        count: int
+        index: Int[Array, ""]
+        held: Array
+        single: Array
+
+    odd = Odd(1.0, 2, 3, True, jnp.float32(1))  # type: ignore
+    assert [type(value) for value in (odd.length, odd.count, odd.index, odd.held)] == [float, int, int, bool]
+    assert odd.single.dtype == jnp.float32
+
+
+@pytest.mark.parametrize("ball", [HalfBall(jnp.array(9.81)), Ball(jnp.array(9.81), jnp.array(1))], ids=["float", "int"])
+def test_a_derivative_past_a_number_is_told_of(ball):
+    """In reverse and in forward mode, also under `jax.jit`; a value alone asks for nothing."""
+    (message,) = set(told(eqx.filter_grad(height), ball))
+    assert f"{type(ball).__name__} has Python numbers or integers in e, so that gradients have None there" in message
+    assert told(eqx.filter_grad(eqx.filter_jit(height)), ball) == [message]
+    forward = lambda ball: hs.simulate(ball, hs.State([1.0], [0.0]), t1=1.0, adjoint=hs.ForwardSensitivities()).final.q
+    moved = lambda weight: forward(eqx.tree_at(lambda ball: ball.weight, ball, weight))
+    assert told(lambda: jax.jvp(moved, (ball.weight,), (ball.weight,))) == [message]
+    assert told(height, ball) == told(eqx.filter_grad(height), Ball(9.81)) == []
+
+
+def test_a_scene_without_any_array_is_told_of_at_once():
+    """No trace shows that a derivative by nothing was taken; a study that needs parameters says so."""
+    ball = FloatBall(9.81)
+    assert "FloatBall has Python numbers or integers in weight, e, so" in told(lambda: height(ball))[0]
+    assert told(jax.grad(lambda ball: height(ball)), ball) == []  # JAX makes arrays of all of them
+    with pytest.raises(ValueError, match="'e'. It is a constant: declare its field as jax.Array"):
+        grid(ball, {"e": [0.5]})
+    with pytest.raises(ValueError, match="Declare its fields as jax.Array"):
+        hs.check_gradient(ball, lambda ball, simulate: simulate(ball, hs.State([1.0], [0.0]), t1=1.0).final.q[0])
