@@ -36,7 +36,7 @@ def _with_its_error(step: RecordedStep, psi) -> StepBack:
         x1, of_projection = jax.vjp(lambda p, x: system(p).project(t1, x, mode), step.parameters, x1)
         by_projection, psi_1 = of_projection(psi)  # only what stays on the constraints matters, of the error too
         zero = jnp.zeros_like(psi)
-        # One copy to compile. In turn, not side by side: products with vectors stay such, which is up to a third quicker.
+        # One copy to compile; in turn, not side by side, products with vectors stay such: up to a third quicker.
         both = lax.map(of_step, (jnp.stack([psi_1, zero]), jnp.stack([zero, psi_1])))
         total, psi_0 = jax.tree.map(lambda pair: pair[0], both)
         total_error, psi_error = jax.tree.map(lambda pair: pair[1], both)
