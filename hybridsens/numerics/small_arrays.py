@@ -1,7 +1,7 @@
-"""Reductions of a few numbers, written out, and arithmetic that is not to be repeated.
+"""Reductions of one or two numbers, written out, and arithmetic that is not to be repeated.
 
-XLA sets up buffers for every reduction of a program at every call, 0.4 us each, and compiles each by itself; a short
-motion takes no longer than a hundred of them. What is longer than `SHORT` goes to the library.
+XLA sets up buffers for every reduction that it does not compile into a kernel, 0.4 us each at every call. Of more
+numbers than two it is left to the library: written out, all that an entry is made from is compiled for each of them.
 """
 
 import functools
@@ -15,7 +15,7 @@ from jax import lax
 from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array, Bool, Float
 
-SHORT = 8
+SHORT = 2
 
 
 def computed_once(true: Bool[Array, ""], function: Callable[[], Any]) -> Any:
