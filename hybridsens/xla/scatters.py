@@ -53,7 +53,8 @@ def _rewritten_equation(equation: JaxprEqn, done: dict[int, Any]) -> JaxprEqn:
 def _as_loop(equation: JaxprEqn) -> JaxprEqn:
     """An equation that calls `_add_one_by_one` for a scatter."""
     add = jax.jit(partial(_add_one_by_one, equation.params))
-    call = jax.make_jaxpr(add)(*[jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]).eqns[-1]
+    shapes: list[Any] = [variable.aval for variable in equation.invars]
+    call = jax.make_jaxpr(add)(*shapes).eqns[-1]
     return call.replace(invars=equation.invars, outvars=equation.outvars)
 
 
