@@ -188,7 +188,7 @@ def _simulate(
 
 def _jump_times(scene: AbstractScene, jump_ts, dtype):
     name = "jump_ts"
-    if jump_ts is None and hasattr(scene, "jump_times"):
+    if jump_ts is None and getattr(scene, "jump_times", None) is not None:
         name, jump_ts = "jump_times", Asked.of(scene, "jump_times()")()
     return None if jump_ts is None else real_array(name, jump_ts, 1).astype(dtype)
 

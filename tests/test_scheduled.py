@@ -1,5 +1,6 @@
 """Events whose times are known before they come, against closed forms: doses, clocks, delays."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -48,7 +49,7 @@ class Echo(hs.AbstractHybridSystem):
     speed: jax.Array
     level: jax.Array
     tau: jax.Array
-    slide: float = 0.0
+    slide: float = eqx.field(default=0.0, static=True)
 
     def flow(self, t, x, mode):
         return {"y": self.speed, "due": jnp.full_like(x["due"], self.slide)}

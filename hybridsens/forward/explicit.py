@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -119,25 +118,30 @@ def _stages_written_out(f, y0, h, first, rows, c):
 
 
 def _stages_in_a_loop(f, y0, h, first, rows, c):
-    count = len(rows) + 1
-    a = np.zeros((count, count))
-    for i, row in enumerate(rows):
-        a[i + 1, : len(row)] = row
-    a, c = jnp.asarray(a, y0.dtype), jnp.asarray(np.concatenate([[0.0], c]), h.dtype)
+    """`ahead` holds what the coming stages start from so far, the next one first: y_i = y0 + h ahead_i. Carried so, and
+    not as the stages themselves, it costs little to carry back."""
+    count, known = len(rows) + 1, 0 if first is None else 1
+    c = np.concatenate([[0.0], c])
+    adds = np.zeros((count, count))  # adds[j, i - j - 1]: what stage j adds to stage i
+    adds[0, :-1] = c[1:]  # the first counts in full, of the others what they differ from it
+    for i, row in enumerate(rows, 1):
+        for j in range(1, i):
+            adds[j, i - j - 1] = row[j]
+    adds, c = jnp.asarray(adds, y0.dtype), jnp.asarray(c, h.dtype)
 
-    def stage(carry, i):
-        first, rises = carry
-        k = f(c[i], y0 + h * (c[i].astype(y0.dtype) * first + a[i] @ rises))
+    def stage(carry, at):
+        first, ahead = carry
+        i, c_i, add = at
+        k = f(c_i, y0 + h * ahead[0])
+        rise = k - first
         first = jnp.where(i == 0, k, first)
-        return (first, rises.at[i].set(k - first)), None
+        ahead = jnp.concatenate([ahead[1:], jnp.zeros_like(ahead[:1])]) + add[:, None] * rise
+        return (first, ahead), rise
 
-    known = 0 if first is None else 1
-    start = first if known else jnp.zeros_like(y0), jnp.zeros((count, *y0.shape), y0.dtype)
-    # On the way back a stage is computed again from what it started from: that is quicker, to run and to compile,
-    # than to keep every number inside of it in a buffer of its own.
-    again = jax.checkpoint(stage, prevent_cse=False)
-    (first, rises), _ = lax.scan(again, start, jnp.arange(known, count))
-    return first, [rises[i] for i in range(1, count)]
+    start = jnp.zeros_like(y0) if first is None else first
+    ahead = adds[0][:, None] * start  # of an unknown first stage nothing yet
+    (first, _), rises = lax.scan(stage, (start, ahead), (jnp.arange(known, count), c[known:], adds[known:]))
+    return first, [rises[i] for i in range(1 - known, count - known)]
 
 
 def _mean(weights, total: float, first, rises):
