@@ -14,7 +14,8 @@ from jaxtyping import Array
 from .adjoint.methods import AbstractGradientMethod
 from .forward.method import Method
 from .status import Status
-from .validation.arguments import real_fraction, real_tolerance
+from .validation.arguments import real_array, real_fraction, real_tolerance
+from .validation.asked import Asked
 from .validation.direction import not_differentiable
 from .validation.spelling import did_you_mean
 
@@ -104,6 +105,14 @@ def given_numbers(rtol, atol, max_step, capture_speed, dtype) -> Numbers:
     if jax.tree.leaves(arrays):
         arrays = jax.tree.map(lambda x: x.astype(dtype), not_differentiable(arrays))
     return eqx.combine(arrays, known)
+
+
+def declared_jump_times(model: Any, jump_ts, dtype) -> Array | None:
+    """Times at which the flow has a kink or a jump: those given, or else those that a scene or a system declares."""
+    name = "jump_ts"
+    if jump_ts is None and getattr(model, "jump_times", None) is not None:
+        name, jump_ts = "jump_times", Asked.of(model, "jump_times()")()
+    return None if jump_ts is None else real_array(name, jump_ts, 1).astype(dtype)
 
 
 def horizon_status(t0, t1, ts, method: Method, capture_speed: float | Array = 0.0) -> Status:

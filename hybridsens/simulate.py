@@ -31,10 +31,9 @@ from .mechanics.typed import Fixed, TypedScene, number
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
 from .reported import Reported
-from .settings import check_settings, given_numbers, horizon_status, segment_room
+from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
-from .validation.asked import Asked
 from .validation.direction import forward_only, reverse_only
 from .validation.numbers import told_of_constants
 from .waiting import waiting
@@ -123,7 +122,7 @@ def simulate(
     numbers = given_numbers(rtol, atol, max_step, capture_speed, state.q.dtype)
     numbers = numbers if compiling else numbers.as_arrays(state.q.dtype)
     check_mesh(scene, running_cost, state, t0, t1, ts)
-    jump_ts = _jump_times(scene, jump_ts, state.q.dtype)
+    jump_ts = declared_jump_times(scene, jump_ts, state.q.dtype)
     mode = mode_as_arrays(mode)
     scene, running_cost, switching = _prepared(scene, running_cost, t0, state, mode)
     adjoint = adjoint or Replay()
@@ -184,13 +183,6 @@ def _simulate(
     options = Options(mode, status, method)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
     return _trajectory(contacts, ts, reported, cost_shape)
-
-
-def _jump_times(scene: AbstractScene, jump_ts, dtype):
-    name = "jump_ts"
-    if jump_ts is None and getattr(scene, "jump_times", None) is not None:
-        name, jump_ts = "jump_times", Asked.of(scene, "jump_times()")()
-    return None if jump_ts is None else real_array(name, jump_ts, 1).astype(dtype)
 
 
 def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) -> Trajectory:

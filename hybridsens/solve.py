@@ -17,12 +17,12 @@ from .forward.method import Method
 from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
-from .settings import check_settings, given_numbers, horizon_status, segment_room
+from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
 from .system import AbstractHybridSystem
 from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
-from .validation.asked import Asked, kind_of
+from .validation.asked import kind_of
 from .validation.direction import forward_only, reverse_only
 from .validation.numbers import told_of_constants
 
@@ -85,7 +85,7 @@ def solve(
     mode = mode_as_arrays(mode)
     t0, t1 = (real_array(name, t, 0).astype(dtype) for name, t in (("t0", t0), ("t1", t1)))
     ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
-    jump_ts = _jump_times(system, jump_ts, dtype)
+    jump_ts = declared_jump_times(system, jump_ts, dtype)
     check_mesh(system, x0, t0, t1, ts)
     system, running_cost = in_type((system, running_cost), dtype)
     counts, cost = check_system(system, running_cost, t0, x0, mode)
@@ -136,13 +136,6 @@ class Again(eqx.Module):
     def _given(self) -> dict[str, Any]:
         leaves = [fixed if array is None else array for array, fixed in zip(self.arrays, self.rest, strict=True)]
         return self.tree.unflatten(leaves)
-
-
-def _jump_times(system: AbstractHybridSystem, jump_ts, dtype):
-    name = "jump_ts"
-    if jump_ts is None:
-        name, jump_ts = "jump_times", Asked.of(system, "jump_times()")()
-    return None if jump_ts is None else real_array(name, jump_ts, 1).astype(dtype)
 
 
 def _numbers(settings, given, dtype):

@@ -64,8 +64,8 @@ def run(arguments: list[str] | None = None) -> int:
 
 
 def main() -> None:
-    """The whole command. JAX reads its settings when it starts, so they are made before any command. Compiled programs
-    are kept, so that the same command starts quickly the next time."""
+    """Entry point of the console script. JAX reads its settings when it starts, so they are made before any command.
+    Compiled programs are kept, so that the same command starts quickly the next time."""
     interrupted = threading.Event()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a job in the background ignores Ctrl-C
         signal.signal(signal.SIGINT, _interrupt(interrupted))

@@ -12,6 +12,9 @@ import jax.numpy as jnp
 from jax import lax
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, jaxpr_as_fun, jaxprs_in_params
 
+MOST = 2**24
+"""Entries of an array that are added to, up to which single precision counts them exactly; a larger one stays."""
+
 
 def without_scatters(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function` of PyTrees of arrays, in whose trace every sum by a scatter is one by a loop."""
@@ -40,7 +43,8 @@ def _rewritten(traced, done: dict[int, Any]):
 
 def _rewritten_equation(equation: JaxprEqn, done: dict[int, Any]) -> JaxprEqn:
     if equation.primitive is lax.scatter_add_p:
-        return _as_loop(equation)
+        total: Any = equation.outvars[0].aval
+        return _as_loop(equation) if total.size < MOST else equation
     if not any(True for _ in jaxprs_in_params(equation.params)):
         return equation
     is_jaxpr = lambda leaf: isinstance(leaf, Jaxpr | ClosedJaxpr)
