@@ -35,6 +35,8 @@ def complementarity_support(
         return candidates
     if n == 1:
         return candidates & (vector < -noise)
+    if n == 2:
+        return _support_of_two(matrix, vector, candidates, noise)
     least = closeness(matrix.dtype) * jnp.diag(matrix)
 
     def turn(carry: _Search):
@@ -62,6 +64,23 @@ def complementarity_support(
     return lax.while_loop(lambda carry: ~carry.finished & (carry.count < 4 * n + 4), turn, start).S
 
 
+def _support_of_two(matrix, vector, candidates, noise):
+    """The same for two unknowns, the most common case: all that the search could do, written out."""
+    violation = jnp.where(candidates, vector + noise, jnp.inf)
+    first = jnp.argmin(violation)
+    k = jnp.arange(2) == first  # the one that is violated most, and j, the other
+    of = lambda who, values: jnp.sum(jnp.where(who, values, 0))
+    W_kk, W_jj, W_kj = of(k, jnp.diag(matrix)), of(~k, jnp.diag(matrix)), matrix[0, 1]
+    taken = of(k, violation) < 0
+    W_kk = jnp.where(taken, W_kk, 1)
+    left = W_jj - W_kj**2 / W_kk
+    x_k, residual = -of(k, vector) / W_kk, of(~k, vector) - W_kj * of(k, vector) / W_kk
+    joined = taken & (left > closeness(matrix.dtype) * W_jj) & (of(~k, jnp.where(candidates, residual + noise, 0)) < 0)
+    # Where j, once in, would make x_k negative, k is let go: j alone is the solution then.
+    stays = ~joined | (x_k + W_kj / W_kk * residual / jnp.where(joined, left, 1) > 0)
+    return (k & taken & stays) | (~k & joined)
+
+
 class _Search(NamedTuple):
     """Where the search for S stands."""
 
@@ -80,6 +99,12 @@ def independent_superset(
     """S and as many of the candidates as W keeps regular: what rests on three feet rests on the fourth."""
     matrix = lax.stop_gradient(matrix)
     least = closeness(matrix.dtype) * jnp.diag(matrix)
+    if S.shape[0] == 2:  # who is not in S is eligible if the other one, where it is inside, leaves something of it
+        W_ii, W_jj = jnp.diag(matrix), jnp.diag(matrix)[::-1]
+        left = W_ii - matrix[0, 1] ** 2 / jnp.where(W_jj > 0, W_jj, 1)
+        beside, by_itself = candidates & (left > least), candidates & (W_ii > least)
+        first = S[0] | jnp.where(S[1], beside[0], by_itself[0])
+        return jnp.stack([first, S[1] | jnp.where(first, beside[1], by_itself[1])])
 
     def next_one(T, inside):
         """S comes first; then who is left and does not depend on those inside."""

@@ -93,3 +93,27 @@ def test_as_many_contacts_are_added_as_are_independent(contacts, dof):
         larger = np.asarray(larger_of(W, S, jnp.array(candidates)))
         assert np.all(larger[np.asarray(S)]) and not np.any(larger & ~candidates)
         assert larger.sum() == np.linalg.matrix_rank(G[larger]) == np.linalg.matrix_rank(G[candidates])
+
+
+def two_contacts_and_a_third_that_is_none(count=2000):
+    """Problems of two contacts, many of them dependent or untouched; and the same with one more that does not count."""
+    draw = np.random.default_rng(0)
+    G = draw.normal(size=(count, 2, 2))
+    G[::5, 1] = draw.normal(size=(count // 5, 1)) * G[::5, 0]
+    W = np.einsum("nij,nkj->nik", G, G)
+    b = draw.normal(size=(count, 2)) * (draw.random((count, 2)) < 0.9)
+    candidates, S = draw.random((count, 2)) < 0.8, np.eye(3, dtype=bool)[draw.integers(3, size=count)][:, :2]
+    larger = np.tile(np.eye(3), (count, 1, 1))
+    larger[:, :2, :2] = W
+    beside = lambda entries: np.column_stack([entries, np.zeros(count, entries.dtype)])
+    return (W, b, candidates, S), (larger, beside(b), beside(candidates), beside(S))
+
+
+def test_two_contacts_are_treated_like_many():
+    found = []
+    for W, b, candidates, S in two_contacts_and_a_third_that_is_none():
+        support = jax.vmap(complementarity_support)(W, b, candidates, np.full_like(b, 1e-12))
+        found.append((support[:, :2], jax.vmap(independent_superset)(W, S, candidates)[:, :2]))
+    for two, three in zip(*found, strict=True):
+        assert np.array_equal(two, three)
+        assert {tuple(row) for row in np.asarray(two).tolist()} == set(itertools.product([False, True], repeat=2))
