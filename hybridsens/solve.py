@@ -25,6 +25,7 @@ from .validation.arguments import check_mesh, in_type, real_array
 from .validation.asked import kind_of
 from .validation.direction import forward_only, reverse_only
 from .validation.numbers import told_of_constants
+from .waiting import waiting
 
 
 def solve(
@@ -45,6 +46,7 @@ def solve(
     max_step: float | Array | None = None,
     adjoint: AbstractGradientMethod | None = None,
     throw: bool | Literal["nan"] = True,
+    progress: bool = False,
 ) -> Solution:
     """Motion of a hybrid system from t0 to t1 through its events, with its exact gradient.
 
@@ -72,6 +74,7 @@ def solve(
     - `adjoint`: `Replay()` (default) or another gradient method, as for `simulate`.
     - `throw`: raise if the motion does not reach t1; with False, look at `.status`; "nan" makes value and gradient of
       such a motion nan.
+    - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
 
     Raises: ValueError or TypeError for what does not fit (structures, shapes, types), and for a derivative in a mode
     that `adjoint` does not serve; `SimulationError` for what only the values show, as `simulate` does.
@@ -104,7 +107,8 @@ def solve(
     if not adjoint.forward_mode:
         system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
     flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), *counts, mode)
-    solution = _solve(flat, x0, mode, (t0, t1, ts), method, adjoint, Shapes.of(cost))
+    with waiting("compiling and simulating", progress):
+        solution = _solve(flat, x0, mode, (t0, t1, ts), method, adjoint, Shapes.of(cost))
     if throw == "nan":
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:

@@ -137,6 +137,14 @@ def test_a_simulation_says_that_it_compiles(monkeypatch):
     assert "compiling and simulating ... " in terminal.getvalue()
 
 
+def test_a_solution_says_that_it_compiles(monkeypatch):
+    """If it was asked to."""
+    terminal, heated = terminal_of(monkeypatch), hs.systems.Thermostat()
+    for progress in (False, True):
+        hs.solve(heated, heated.initial_state(), heated.initial_mode(), t1=0.1, max_events=4, progress=progress)
+        assert ("compiling and simulating ... " in terminal.getvalue()) == progress
+
+
 @pytest.mark.slow
 def test_a_fit_says_that_it_compiles_until_its_first_line(monkeypatch, capfd):
     """The lines of its iterations follow on the other stream."""

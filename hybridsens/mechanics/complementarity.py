@@ -58,9 +58,10 @@ def complementarity_support(
         T = lax.cond(feasible, lambda: jnp.where(finished, T, principal_pivot(T, k)), again)
         return _Search(T, S, x, finished, count + 1)
 
-    no_contact = jnp.zeros_like(candidates)
     untouched = jnp.column_stack([matrix, vector])
-    start = _Search(untouched, no_contact, jnp.zeros_like(vector), jnp.array(False), jnp.array(0))
+    alone = jnp.sum(candidates) <= 1  # the usual case: nothing to search
+    S = candidates & alone & (vector < -noise)
+    start = _Search(untouched, S, jnp.zeros_like(vector), alone, jnp.array(0))
     return lax.while_loop(lambda carry: ~carry.finished & (carry.count < 4 * n + 4), turn, start).S
 
 
@@ -116,6 +117,7 @@ def independent_superset(
         T, inside = principal_pivot(T, k), inside | (jnp.arange(inside.shape[0]) == k)
         return T, inside, *next_one(T, inside)
 
-    no_contact = jnp.zeros_like(S)
-    start = (matrix, no_contact, *next_one(matrix, no_contact))
-    return lax.while_loop(lambda carry: carry[3], take, start)[1]
+    more = any_of(candidates & ~S)
+    inside = S & ~more  # all there is where nobody is to be added: nothing to search
+    k, eligible = next_one(matrix, inside)
+    return lax.while_loop(lambda carry: carry[3], take, (matrix, inside, k, eligible & more))[1]
