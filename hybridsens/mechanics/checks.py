@@ -14,7 +14,7 @@ from ..numerics.small_arrays import all_of
 from ..status import Status
 from ..validation.asked import Asked, kind_of
 from ..validation.returned import must_have_shape, returned_array, returned_leaves
-from .contact import gap_and_rate
+from .contact import Instant, gap_and_rate
 from .mass import ConstantMass, is_positive_definite, mass_entries
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene, State
@@ -87,11 +87,12 @@ def check_room(max_events: int, max_steps: int, state: State) -> None:
         )
 
 
-def may_begin(scene: AbstractScene, mode: ContactMode, event, t, q, v) -> Status:
+def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> Status:
     """`Status.running` where the values at (t, q, v) fit, or why the motion must not go on from there.
 
     Asked at the start (`event` -1), and again at every event, where the gaps are the business of the laws.
     """
+    t, q, v = now
     mass = scene.mass_matrix(q)
     gap, rate = gap_and_rate(scene, t, q, v)
     e = scene.restitution()

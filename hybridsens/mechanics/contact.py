@@ -1,5 +1,7 @@
 """Kinematics of the gaps at one instant: Phi, its rate, its gradient, its acceleration."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,6 +10,14 @@ from jaxtyping import Array, Float
 from .few import SomeContacts
 from .mass import solve_mass
 from .scene import AbstractScene
+
+
+class Instant(NamedTuple):
+    """A time, and the configuration and velocity there."""
+
+    t: Float[Array, ""]
+    q: Float[Array, "dof"]
+    v: Float[Array, "dof"]
 
 
 def gap_and_rate(scene: AbstractScene, t, q, v) -> tuple[Float[Array, "contact"], Float[Array, "contact"]]:

@@ -15,7 +15,7 @@ from ..numerics.tolerances import closeness
 from ..status import Status
 from .checks import may_begin
 from .complementarity import independent_superset
-from .contact import contact_jacobian, gap_and_rate
+from .contact import Instant, contact_jacobian, gap_and_rate
 from .corners import has_jumped
 from .event_state import EventState, look_at_event, rate_below_rounding, wider_scales
 from .few import MANY, Among, among_one
@@ -26,6 +26,15 @@ from .status import ContactStatus
 
 NEAR = 1e3
 """Gaps up to so many times what counts as closed are looked at, where not all are: a scale may have grown since."""
+
+
+class Limits(NamedTuple):
+    """What is too little to matter."""
+
+    capture_speed: Any
+    """Rebound speed, relative to the contact's fastest impact so far, below which it is captured."""
+    depth: tuple[Any, Any]
+    """(relative, absolute): a touch that would penetrate less deep than that is grazing."""
 
 
 class ImpactDetail(eqx.Module):
@@ -53,42 +62,33 @@ class Impact(NamedTuple):
 
 
 def decide_transition(
-    scene: AbstractScene, capture_speed, depth, event: Int[Array, ""], t, q, v, mode: ContactMode
+    scene: AbstractScene, limits: Limits, event: Int[Array, ""], now: Instant, mode: ContactMode
 ) -> Decision:
     """The discrete outcome of guard `event` falling through zero at (t, q, v-); of the start where it is -1, of a jump
-    of the forces where it is -2.
-
-    `depth` is (relative, absolute): a touch that would penetrate less deep than that is grazing.
-    """
+    of the forces where it is -2."""
+    t, q, v = now
     if mode.active.shape[0] == 0:  # no contact to choose: all that can be said is whether the values fit
         no_contact = ImpactDetail(*4 * [mode.active])
-        return Decision(mode, jnp.asarray(EventKind.IMPACT), no_contact, status=may_begin(scene, mode, event, t, q, v))
+        return Decision(mode, jnp.asarray(EventKind.IMPACT), no_contact, status=may_begin(scene, mode, event, now))
     triggered = jnp.arange(mode.active.shape[0]) == event
 
     def among(scene, given):
         mode, triggered = given
         here = jnp.where(event >= 0, jnp.argmax(triggered), event)  # where the event is among those looked at
-        verdict = _judge(scene, capture_speed, depth, here, t, q, v, mode)
+        verdict = _judge(scene, limits, here, now, mode)
         return (verdict.mode, verdict.detail), verdict._replace(mode=None, detail=None)
 
     if mode.active.shape[0] > MANY:  # not all will be looked at, and the sizes of all must be known from the start
-        begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, depth[1])
+        begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, limits.depth[1])
         mode = lax.cond(event < 0, begin, lambda: mode)
     # Any contact that is near 0 may be closed, at the start and at a jump of the forces too.
     near = scene.gap(t, q) <= NEAR * closeness(q.dtype) * (jnp.max(mode.length) + jnp.max(jnp.abs(q)))
     wanted = triggered | mode.held | near
     elsewhere = mode, ImpactDetail(*4 * [jnp.zeros_like(triggered)])
     (after, detail), verdict = among_one(scene, wanted, Among(among, (mode, triggered), elsewhere))
-    status = Status.where(verdict.status == Status.running, may_begin(scene, after, event, t, q, v), verdict.status)
-    return Decision(
-        after,
-        verdict.kind,
-        detail,
-        verdict.grazing,
-        status,
-        verdict.first_step_bound,
-        order_matters=verdict.order_matters,
-    )
+    status = Status.where(verdict.status == Status.running, may_begin(scene, after, event, now), verdict.status)
+    bound, order_matters = verdict.first_step_bound, verdict.order_matters
+    return Decision(after, verdict.kind, detail, verdict.grazing, status, bound, order_matters=order_matters)
 
 
 class Verdict(NamedTuple):
@@ -103,27 +103,26 @@ class Verdict(NamedTuple):
     order_matters: Bool[Array, ""]
 
 
-def _judge(scene: AbstractScene, capture_speed, depth, event, t, q, v, mode: ContactMode) -> Verdict:
+def _judge(scene: AbstractScene, limits: Limits, event, now: Instant, mode: ContactMode) -> Verdict:
     """The decision among the contacts of the scene."""
     # A negative `event` is no contact. Its number is that of the last one then, and `met` masks what is read there.
     is_release = (event >= 0) & mode.active[event]
-    relative, absolute = depth
-    at_event, mode = look_at_event(scene, absolute, event, t, q, v, mode)
+    relative, absolute = limits.depth
+    at_event, mode = look_at_event(scene, absolute, event, now, mode)
     deepest = relative * mode.length[event] + absolute
     met = (event >= 0) & ~is_release
     guard = at_event.gap[event] + mode.margin[event]
-    jumped = met & has_jumped(guard, at_event.rate[event], mode.length[event], t)
+    jumped = met & has_jumped(guard, at_event.rate[event], mode.length[event], now.t)
     status = Status.where(jumped, ContactStatus.gap_not_smooth, Status.running)
     grazing = met & _is_grazing(at_event.rate[event], at_event.gap_acceleration[event], deepest)
     if not scene.sustained_contact:
-        return _bounce(scene, at_event, event, t, q, v, mode, grazing, status)
-    impact = _apply_laws(scene, capture_speed, at_event, t, q, v, mode)
+        return _bounce(scene, at_event, now, mode, grazing, status)
+    impact = _apply_laws(scene, limits.capture_speed, at_event, now, mode)
     after = _with_selection(mode, impact.selection, at_event.gap)
     kind = jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT)
     detail = ImpactDetail(at_event.triggered & ~is_release, impact.support, impact.plastic, impact.brought_to_rest)
-    first_step_bound = _first_step_bound(
-        scene, t, q, impact.v, at_event.gap_acceleration, at_event.impacting & ~after.held
-    )
+    leaving = at_event.impacting & ~after.held
+    first_step_bound = _first_step_bound(scene, now._replace(v=impact.v), at_event.gap_acceleration, leaving)
     kind = jnp.where(is_release, EventKind.RELEASE, kind)
     order_matters = _order_matters(at_event, impact.support, mode)
     return Verdict(after, detail, kind, grazing, status, first_step_bound, order_matters)
@@ -132,29 +131,25 @@ def _judge(scene: AbstractScene, capture_speed, depth, event, t, q, v, mode: Con
 def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
     """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2)."""
     mode = open_mode(scene.gap(t, q).shape[0], q.dtype)
-    return decide_transition(scene, 0.0, (0.0, atol), jnp.array(-1), t, q, v, mode).mode
+    return decide_transition(scene, Limits(0.0, (0.0, atol)), jnp.array(-1), Instant(t, q, v), mode).mode
 
 
-def _bounce(scene: AbstractScene, at_event: EventState, event, t, q, v, mode: ContactMode, grazing, status) -> Verdict:
+def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: ContactMode, grazing, status) -> Verdict:
     """The impact of a scene whose contacts never stay closed. Where one would, the status is `event_repeats`."""
     geometry, rate, impacting = at_event.geometry, at_event.rate, at_event.impacting
     e, no_contact = scene.restitution(), jnp.zeros_like(impacting)
     support = impulse_support(geometry, rate, e, impacting, mode.speed)
-    v_after = v + product(geometry.mobility, transition_impulse(geometry, rate, e, support, no_contact))
-    first_step_bound = _first_step_bound(scene, t, q, v_after, at_event.gap_acceleration, impacting)
-    stays = (
-        impacting
-        & (jnp.maximum(-e * rate, 0) <= at_event.below_rounding)
-        & (at_event.gap_acceleration < 0)
-        & at_event.triggered
-    )
+    v_after = now.v + product(geometry.mobility, transition_impulse(geometry, rate, e, support, no_contact))
+    first_step_bound = _first_step_bound(scene, now._replace(v=v_after), at_event.gap_acceleration, impacting)
+    pressed, too_slow = at_event.gap_acceleration < 0, jnp.maximum(-e * rate, 0) <= at_event.below_rounding
+    stays = impacting & too_slow & pressed & at_event.triggered
     status = Status.where(any_of(stays), Status.event_repeats, status)
     detail = ImpactDetail(at_event.triggered, support, no_contact, no_contact)
     order_matters = _order_matters(at_event, support, mode)
     return Verdict(mode, detail, jnp.asarray(EventKind.IMPACT), grazing, status, first_step_bound, order_matters)
 
 
-def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, t, q, v, mode: ContactMode) -> Impact:
+def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: Instant, mode: ContactMode) -> Impact:
     """The law of impact (T3) and Gauss's principle (T2), with rebounds that are too slow to matter cut.
 
     A rebound that is slow (or not to be seen above the rounding of the gap) is plastic, but only where the contact is
@@ -168,6 +163,7 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, t, q,
 
     One loop, so that the laws are compiled once; a contact without a neighbour needs turns 0 and 1 alone.
     """
+    t, q, v = now
     geometry, rate, impacting = at_event.geometry, at_event.rate, at_event.impacting
     e = scene.restitution()
     no_contact = jnp.zeros_like(impacting)
@@ -213,9 +209,9 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, t, q,
     return lax.while_loop(lambda carry: carry[0] < turns, next_turn, (jnp.array(0), start))[1]
 
 
-def _first_step_bound(scene: AbstractScene, t, q, v, gap_acceleration, leaving):
+def _first_step_bound(scene: AbstractScene, after: Instant, gap_acceleration, leaving):
     """Time of the shortest flight that begins here, 2 Phi' / -Phi''. A longer step could pass over a hop unseen."""
-    _, rate = gap_and_rate(scene, t, q, v)
+    _, rate = gap_and_rate(scene, *after)
     falls_back = leaving & (rate > 0) & (gap_acceleration < 0)
     return jnp.min(
         jnp.where(falls_back, -2 * rate / jnp.where(falls_back, gap_acceleration, -1), jnp.inf), initial=jnp.inf

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..numerics.small_arrays import any_of, product
 from ..numerics.tolerances import closeness, rounding, time_resolution
-from .contact import ContactGeometry, contact_geometry, gap_and_rate
+from .contact import ContactGeometry, Instant, contact_geometry, gap_and_rate
 from .laws import gap_acceleration
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene
@@ -32,8 +32,11 @@ class EventState(NamedTuple):
     """Rebounds slower than this hop lower than the rounding of the gap."""
 
 
-def look_at_event(scene: AbstractScene, atol, event, t, q, v, mode: ContactMode) -> tuple[EventState, ContactMode]:
+def look_at_event(
+    scene: AbstractScene, atol, event, now: Instant, mode: ContactMode
+) -> tuple[EventState, ContactMode]:
     """Who meets, and the mode with its memory of sizes brought up to date."""
+    t, q, v = now
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
     pressed = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)

@@ -17,9 +17,9 @@ from ..numerics.tolerances import closeness
 from ..search.path import Path
 from ..search.stretches import gap_kinds, search_gaps
 from ..status import Status
-from .contact import contact_geometry, gap_and_rate
+from .contact import Instant, contact_geometry, gap_and_rate
 from .corners import is_not_smooth
-from .decisions import ImpactDetail, decide_transition
+from .decisions import ImpactDetail, Limits, decide_transition
 from .few import Among, among_one
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .laws import transition_impulse
@@ -126,8 +126,9 @@ class MechanicalSystem(AbstractFlatSystem):
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
         """Impact, capture or release, and who is held after it; see `decide_transition`."""
         q, v, _ = self.split(x)
-        depth = tuple(map(number, self.depth))
-        return decide_transition(self.scene, number(self.capture_speed), depth, event, t, q, v, mode)
+        relative, absolute = map(number, self.depth)
+        limits = Limits(number(self.capture_speed), (relative, absolute))
+        return decide_transition(self.scene, limits, event, Instant(t, q, v), mode)
 
     def choose(self, event, t, x, mode: ContactMode) -> Decision:
         """The contacts that the initial state holds closed are chosen by the same laws (T2), without an impact."""
