@@ -22,6 +22,7 @@ from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
 from .forward.segment_loop import run_segments
 from .forward.solver import TERM, FlowSize, flow_size
+from .numerics.batch_axes import batch_in_front
 from .observables import Observables, filled
 from .reported import in_rows_recorded
 from .status import Status
@@ -59,7 +60,7 @@ class BackwardOptions(NamedTuple):
 def _go(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
     """A motion and its samples."""
     motion = _run(problem, options)
-    return motion, _samples(problem, options, motion)
+    return batch_in_front((motion, _samples(problem, options, motion)))
 
 
 go_forward = eqx.filter_jit(_go)  # traced for the value and again for its gradient: the second time it is looked up
@@ -69,7 +70,7 @@ go_forward = eqx.filter_jit(_go)  # traced for the value and again for its gradi
 def _go_jvp(primals, tangents):
     """The variation may take shorter steps; what it varies stays the motion without it, as `jax.linearize` asks."""
     problem, options = primals
-    motion, samples = go_forward(problem, options)
+    motion, samples = batch_in_front(go_forward(problem, options))
 
     def vary(problem):
         followed = _follow(problem, options, motion)
@@ -92,7 +93,7 @@ def go_back(
     problem: Problem, options: Options, motion: Motion, cotangent: Observables, way: BackwardOptions
 ) -> Problem:
     """Cotangents of the problem from those of what is reported of its motion."""
-    return _pull_back(problem, options, motion, cotangent, way)
+    return batch_in_front(_pull_back(problem, options, motion, cotangent, way))
 
 
 @go_back.def_jvp
@@ -101,7 +102,7 @@ def _go_back_jvp(primals, tangents):
     problem, options, motion, cotangent, way = primals
     vary = lambda problem, given: _pull_back(problem, options, _follow(problem, options, motion), given, way)
     d_gradient = eqx.filter_jvp(vary, (problem, cotangent), (tangents[0], tangents[3]))[1]
-    return go_back(*primals), d_gradient
+    return batch_in_front(go_back(*primals)), d_gradient
 
 
 def _pull_back(
@@ -157,7 +158,7 @@ def _run(problem: Problem, options: Options) -> Motion:
 def _follow(problem: Problem, options: Options, motion: Motion) -> Motion:
     """A motion that is known. In forward mode: with the steps that its variation takes, and with that variation."""
     del problem, options
-    return motion
+    return batch_in_front(motion)
 
 
 @_follow.def_jvp
@@ -177,7 +178,7 @@ def _follow_jvp(primals, tangents):
     motion, d = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
     moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.states)
-    return motion, eqx.tree_at(moved, nothing, (d.final, d.steps_t, d.steps_x, d.events))
+    return batch_in_front(motion), eqx.tree_at(moved, nothing, (d.final, d.steps_t, d.steps_x, d.events))
 
 
 def _flow_size(problem: Problem, options: Options) -> FlowSize:

@@ -12,6 +12,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..flat_system import AbstractFlatSystem
+from ..numerics.batch_axes import batch_in_front
 from .record import Motion, segment, segment_end
 from .solver import one_step
 from .tangent import push
@@ -44,10 +45,13 @@ def _plain_step(begun, solver, system, mode, t0, t, x0):
     return one_step(solver, system, mode, t0, t, x0)
 
 
-_shorter_step = eqx.filter_custom_jvp(_plain_step)
+@eqx.filter_custom_jvp
+def _shorter_step(*given):
+    return batch_in_front(_plain_step(*given))
 
 
 @_shorter_step.def_jvp
 def _shorter_step_jvp(primals, tangents):
     (begun, solver, *point), (_, _, *directions) = primals, tangents
-    return push(lambda *point: one_step(solver, *point), begun, point, directions)
+    x, dx = push(lambda *point: one_step(solver, *point), begun, point, directions)
+    return batch_in_front(x), dx

@@ -10,6 +10,7 @@ import jax.scipy.linalg as jsl
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from .batch_axes import batch_in_front
 from .small_arrays import any_of
 
 PLAIN = 2
@@ -29,7 +30,7 @@ def solve_spd(matrix: Float[Array, "n n"], right: Float[Array, "n *m"]) -> Float
 
 @jax.custom_jvp
 def _solve(matrix, right):
-    return _solver(matrix)(right)
+    return batch_in_front(_solver(matrix)(right))
 
 
 @_solve.defjvp
@@ -39,7 +40,7 @@ def _solve_jvp(primals, tangents):
 
 
 def _solve_by_rule(matrix, right):
-    return linear_solve(lambda x: matrix @ x, right, _solver(lax.stop_gradient(matrix)))
+    return batch_in_front(linear_solve(lambda x: matrix @ x, right, _solver(lax.stop_gradient(matrix))))
 
 
 def linear_solve(product, right, solve) -> Array:

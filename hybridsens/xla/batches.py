@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ..numerics.batch_axes import batch_in_front
+
 
 def map_batch_on_cpu(function: Callable, unbatched: Callable, one_element: Callable | None = None) -> Callable:
     """`function` of PyTrees of arrays returning (result, residuals); under `jax.vmap` on a CPU, elements are mapped.
@@ -20,7 +22,7 @@ def map_batch_on_cpu(function: Callable, unbatched: Callable, one_element: Calla
     kept can be told from those that were.
     """
     if jax.default_backend() != "cpu":
-        return function
+        return lambda *given: batch_in_front(function(*given))
     mapped = jax.custom_batching.custom_vmap(function)  # an element, which may be a batch again
     by_itself = jax.custom_batching.custom_vmap(unbatched)
 
@@ -49,5 +51,10 @@ def map_batch_on_cpu(function: Callable, unbatched: Callable, one_element: Calla
     # JAX's own forward rule of a custom batching rule fails when only tangents have a batch axis (an assertion in
     # jax 0.10), so forward mode sees the plain function.
     with_jvp = jax.custom_jvp(by_itself)
-    with_jvp.defjvp(lambda primals, tangents: jax.jvp(function, primals, tangents))
+    with_jvp.defjvp(lambda primals, tangents: _jvp_in_front(function, primals, tangents))
     return with_jvp
+
+
+def _jvp_in_front(function, primals, tangents):
+    out, tangent = jax.jvp(function, primals, tangents)
+    return batch_in_front(out), tangent
