@@ -151,11 +151,12 @@ class FlattenedSystem(AbstractFlatSystem):
         before, same = mode.watch.compare(self._values, (mode.given, given), t, x, flow)
         shown = self._show(t, after, given)
         watch = mode.watch.after(event, before, same, shown.guards)
-        came = self.guard_count + jnp.arange(shown.times.shape[0]) == event
-        moved = shown.times != self._times(x, mode.given)  # to a time that has passed: then the event comes at once
+        came, times = self.guard_count + jnp.arange(shown.times.shape[0]) == event, self._times(x, mode.given)
+        moved = shown.times != times  # to a time that has passed: then the event comes at once
         expected = (mode.expected & ~came) | (shown.times > t) | moved
         watched = WatchedMode(given, watch, expected)
-        return _decision(watched, origin, shown, mode.watch.fires_at_once(event), rises)
+        at_once = mode.watch.fires_at_once(event) | jnp.any(came & (times < t))
+        return _decision(watched, origin, shown, at_once, rises)
 
     def _transition(self, event, t, x, given):
         state, z = self.split(x)

@@ -148,6 +148,56 @@ def test_a_delay_moves_with_its_cause(adjoint):
     assert_close(way(lambda p: computed(p, adjoint))(p), jax.jacfwd(exact)(p), 1e-12)
 
 
+class Late(hs.AbstractHybridSystem):
+    """x' = speed; at x = level an alarm is set to `alarm`, at which x doubles."""
+
+    speed: jax.Array
+    level: jax.Array
+    alarm: jax.Array
+
+    def flow(self, t, x, mode):
+        return self.speed
+
+    def guards(self, t, x, mode):
+        return jnp.where(mode == 0, self.level - x, 1.0)[None]
+
+    def scheduled_times(self, x, mode):
+        return jnp.where(mode == 1, self.alarm, 5.0)[None]
+
+    def transition(self, event, t, x, mode):
+        return jnp.where(event == 0, x, 2 * x), mode + 1
+
+
+@BOTH
+def test_a_time_that_has_passed_comes_at_once(adjoint):
+    """The level is met at 2; x(3) = 2 level + speed (3 - 2), and where it is met moves the alarm with it."""
+
+    def final(p):
+        motion = hs.solve(Late(*p), 0.0, 0, t1=3.0, max_events=4, max_steps=64, adjoint=adjoint, **TIGHT)
+        return motion.final, motion
+
+    p = jnp.array([0.5, 1.0, 1.3])
+    gradient, motion = (jax.jacfwd if adjoint.forward_mode else jax.jacrev)(final, has_aux=True)(p)
+    assert_close(motion.events.time[:2], [2.0, 2.0], 1e-10)
+    assert_close(motion.final, 2.5, 1e-10)
+    assert_close(gradient, [3.0, 1.0, 0.0], 1e-9)  # level + 3 speed
+
+
+@BOTH
+def test_a_dose_at_the_end_is_in_the_sample_there(adjoint):
+    """x(2) = 3 exp(-2 k) + a_0 exp(-k) + a_1 exp(-k (2 - t_1)); a dose can come earlier, but not later."""
+    at, amount, k = jnp.array([1.0, 2.0]), jnp.array([1.0, 2.0]), 0.5
+
+    def samples(amount, at):
+        system, settings = Doses(jnp.array(k), amount, at), dict(max_events=4, max_steps=64, adjoint=adjoint, **TIGHT)
+        return hs.solve(system, 3.0, t1=2.0, ts=jnp.array([1.0, 2.0]), **settings).x
+
+    by_amount, by_at = (jax.jacfwd if adjoint.forward_mode else jax.jacrev)(samples, (0, 1))(amount, at)
+    decay = np.exp(-k)
+    assert_close(by_amount, [[1.0, 0.0], [decay, 1.0]], 1e-9)
+    assert_close(by_at[1], [k * decay, 2 * k], 1e-9)
+
+
 def test_a_clock_ticks_for_ever():
     """x(n T) = T^2 (1 + 2 + ... + n - 1), and the time of every tick moves with the period."""
     final = lambda clock: hs.solve(clock, 0.0, 0, t1=50.5).final

@@ -88,11 +88,17 @@ def _zeros(tree: Any):
 
 
 def _costate_at_end(backward: BackwardPass, motion: Motion) -> Costate:
-    """psi = J_x of the final state; nothing gathered yet."""
-    data = jnp.array(0) if backward.ts is None else jnp.sum(backward.ts <= motion.t)
+    """psi = J_x of the final state, and of the samples that are it; nothing gathered yet.
+
+    An event at the very end leaves no step after it, so that no step back would meet these."""
+    psi, data = backward.cotangent.final, jnp.array(0)
+    if backward.ts is not None and backward.cotangent.samples is not None:
+        at_end = (backward.ts == motion.t)[:, None]
+        psi = psi + jnp.sum(jnp.where(at_end, backward.cotangent.samples, 0), axis=0)
+        data = jnp.sum(backward.ts < motion.t)
     zero, zero_time = _zeros(backward.step_parameters), jnp.zeros_like(motion.t)
     return Costate(
-        psi=backward.cotangent.final, by_dt=zero_time, total=zero, gathered=zero, worst=zero, peak=zero_time,
+        psi=psi, by_dt=zero_time, total=zero, gathered=zero, worst=zero, peak=zero_time,
         foreseen=zero, strict=jnp.array(False), data=data, tries=jnp.array(0),
     )  # fmt: skip
 

@@ -123,7 +123,8 @@ def _next_scheduled(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime
     guards = jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0]
     times = jnp.where(motion.begun & system.expected(motion.mode) & (times <= t1), times, jnp.inf)
     first = jnp.argmin(times)
-    return KnownTime(times[first], times[first], guards + first)
+    time = jnp.maximum(times[first], motion.t)  # one that an event has moved into the past comes at once
+    return KnownTime(time, time, guards + first)
 
 
 def _status(result, finite) -> Status:

@@ -90,6 +90,18 @@ def test_a_sample_at_an_event_is_the_state_after_it():
     assert_close(samples[2:4], samples[jnp.array([3, 2])], 1e-15)
 
 
+@pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()])
+def test_a_sample_at_the_end_is_the_state_after_the_impact_there(adjoint):
+    """Without a force from 1 at speed -1, v(1) = -e v_0; no step is taken after the impact."""
+
+    def velocity(v0, e):
+        ball, settings = RestlessBall(jnp.array(0.0), e), dict(max_events=4, max_steps=64, adjoint=adjoint)
+        return hs.simulate(ball, hs.State(jnp.array([1.0]), v0[None]), t1=1.0, ts=jnp.array([1.0]), **settings).v[0, 0]
+
+    derivative = jax.jacfwd if adjoint.forward_mode else jax.grad
+    assert_close(derivative(velocity, (0, 1))(jnp.array(-1.0), jnp.array(0.5)), [-0.5, 1.0], 1e-9)
+
+
 def test_dates_only_shift_an_autonomous_motion():
     """Another t0 gives the same motion later."""
     (samples, _, cost), _, _ = solve(P12, EVERY_HALF_SECOND)

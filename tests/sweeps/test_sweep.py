@@ -160,13 +160,16 @@ def cost(stop):
 design = random(ElasticStop(), {"amplitude": (0.5, 1.5), "restitution_coefficient": (0.5, 0.9)}, 33)
 one, two = (sweep(cost, design, progress=False, devices=jax.devices()[:n]) for n in (1, 2))
 assert len(jax.devices()) == 2 and int(one.event_count.max()) >= 4
-assert all(np.array_equal(one[name], two[name], equal_nan=True) for name in one.data_vars)
+gradients = [name for name in one.data_vars if name.startswith("dJ")]
+assert all(np.array_equal(one[name], two[name], equal_nan=True) for name in set(one.data_vars) - set(gradients))
+assert len(gradients) == 7 and all(np.allclose(one[name], two[name], rtol=1e-13, atol=0) for name in gradients)
 """
 
 
 @pytest.mark.slow
-def test_two_devices_give_the_same_bits_as_one():
-    """Assert that a sweep over both devices of a process is that over one, to the last bit."""
+def test_two_devices_give_what_one_gives():
+    """Assert that a sweep over both devices of a process is that over one, values and events to the last bit; gradients
+    to rounding, since XLA compiles a loop over half as many points once more."""
     subprocess.run([sys.executable, "-c", TWO_DEVICES], check=True, timeout=300)
 
 
