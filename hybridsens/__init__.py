@@ -15,7 +15,7 @@ from .adjoint.methods import (
 from .adjoint.step import RecordedStep, StepBack
 from .configure import configure
 from .delays import DelayQueue
-from .mechanics.discontinuities import DiscontinuityWarning
+from .discontinuities import DiscontinuityWarning
 from .mechanics.lagrangian import LagrangianScene
 from .mechanics.mode import EventKind
 from .mechanics.scene import AbstractScene, State

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
+from .discontinuities import warn_of_system
 from .flattened import FlattenedSystem
 from .forward.method import Method
 from .numerics.shapes import Shapes
@@ -154,6 +155,8 @@ def _numbers(settings, given, dtype):
 @eqx.filter_jit
 def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, cost: Shapes) -> Solution:
     t0, t1, ts = horizon
+    cost_rate = None if flat.running_cost is None else flat.cost_rate
+    warn_of_system(flat.system, cost_rate, (t0, x0, mode), flat.jump_ts is not None)
     start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
     options = Options(flat.watched(mode, start.dtype), horizon_status(t0, t1, ts, method), method)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)

@@ -1,7 +1,7 @@
 """Any hybrid system: what a user writes to have its motion and its gradient."""
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 from jaxtyping import Array, Float, Int, PyTree
@@ -45,6 +45,9 @@ class AbstractHybridSystem(eqx.Module):
     - A guard that a transition puts below 0 fires at once.
     - Where several guards fall at once they fire one after the other, each only if it still is at 0 and falling.
     """
+
+    known_discontinuities: ClassVar[bool] = False
+    """Whether kinks and jumps of `flow` and `guards` are known to do no harm: then nobody is warned of them."""
 
     def __check_init__(self):
         numbers_to_arrays(self)

@@ -97,6 +97,10 @@ class LiftedSystem(AbstractHybridSystem):
     system: AbstractHybridSystem
     functions: dict[str, Callable]
 
+    @property
+    def known_discontinuities(self):  # type: ignore[override]
+        return self.system.known_discontinuities
+
     def flow(self, t, x, mode):
         return self.functions["flow"](self.system, t, x, mode)
 

@@ -9,7 +9,8 @@ from tests.layout import MODULES, PACKAGE, ROOT, drawing, imports, module_name, 
 TESTS = ROOT / "tests"
 METHOD = {"observables", "forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
-    "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch"
+    "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch",
+    "discontinuities",
 }  # fmt: skip
 BASE = {"validation", "numerics", "status"}
 TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters", "waiting"}
@@ -20,7 +21,7 @@ MAY_IMPORT = {
     "validation": set(),
     "configure": set(),
     "waiting": set(),
-    "xla": {"flat_system"},
+    "xla": {"flat_system", "numerics"},
     "interval": set(),
     "flat_system": {"status"},
     "search": {"flat_system", "interval", "numerics"},
@@ -28,11 +29,12 @@ MAY_IMPORT = {
     "forward": {"flat_system", "numerics", "observables", "status"},
     "adjoint": {"flat_system", "forward", "xla", "numerics", "observables"},
     "reported": {"forward", "flat_system", "observables", "status"},
-    "passes": {"flat_system", "forward", "adjoint", "observables", "reported", "status"},
+    "passes": {"flat_system", "forward", "adjoint", "numerics", "observables", "reported", "status"},
     "differentiable": {"passes", "reported", "adjoint", "validation", "xla"},
     "export": {"status"},
-    "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch"} | BASE,
+    "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch", "discontinuities"} | BASE,
     "watch": {"numerics"},
+    "discontinuities": {"interval", "system"},
     "saved": {"export", "mechanics", "outcome", "solution", "status"},
     "system": {"export", "validation"},
     "system_checks": {"system"} | BASE,

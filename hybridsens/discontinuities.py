@@ -1,0 +1,79 @@
+"""A warning where functions of a scene or a system have kinks or jumps that no event tells of."""
+
+import warnings
+from collections.abc import Callable, Mapping
+
+import jax
+import jax.numpy as jnp
+
+from .interval.breaks import Break, breaks
+from .system import AbstractHybridSystem
+
+
+class DiscontinuityWarning(UserWarning):
+    """A function of the scene or system has a kink or a jump in time or in the state that is no event."""
+
+
+REMEDIES = {
+    "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the system.",
+    "guard": "For the first of several guards write one guard for each.",
+    "state": "For a jump in x write a guard that falls there, and a mode that its transition changes.",
+}
+
+
+def warn_of_system(system: AbstractHybridSystem, cost_rate: Callable | None, given, times_declared: bool) -> None:
+    """Say once what the traces of a system's functions show: kinks and jumps in t or x.
+
+    `cost_rate` and the functions are called by `given`, (t, x, mode). What depends on parameters and the mode alone is
+    no break, nor is what depends on t alone where its times are declared. Of a running cost only jumps count. A
+    transition may choose as it likes."""
+    if system.known_discontinuities:
+        return
+    of = lambda function: listed_breaks(function, ("t", "x", None), given)
+    found = {"flow": of(system.flow), "guards": of(system.guards)}
+    if cost_rate is not None:
+        found["running_cost"] = [b for b in of(cost_rate) if b.jump]
+    found = that_matter(found, times_declared)
+    moved = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
+    needed = {
+        "time": any("t" in inputs for inputs in moved.values()),
+        "guard": "guards" in found,
+        "state": any("x" in inputs for name, inputs in moved.items() if name != "guards"),
+    }
+    warn(found, [REMEDIES[name] for name in REMEDIES if needed[name]], "system")
+
+
+def listed_breaks(function: Callable, names, given) -> list[Break]:
+    """Kinks and jumps of a function in its arguments, which may be PyTrees; None names one that does not move."""
+    inputs = [name for name, argument in zip(names, given, strict=True) for _ in jax.tree.leaves(argument)]
+    found = breaks(jax.make_jaxpr(function)(*jax.tree.map(jnp.asarray, given)), inputs)
+    return sorted(found, key=lambda b: (b.operation, sorted(b.inputs)))
+
+
+def that_matter(found: Mapping[str, list[Break]], times_declared: bool) -> dict[str, list[Break]]:
+    """Functions that have any, without those in t alone where their times are declared."""
+    if times_declared:
+        found = {name: [b for b in those if b.inputs != {"t"}] for name, those in found.items()}
+    return {name: those for name, those in found.items() if those}
+
+
+def warn(found: Mapping[str, list[Break]], remedies: list[str], owner: str) -> None:
+    """One sentence for each function, then what follows and what to do; nothing where nothing was found."""
+    if not found:
+        return
+    told = " ".join(f"`{name}` must be smooth, but has {_listed(those)}." for name, those in found.items())
+    warnings.warn(
+        f"{told} A kink costs accuracy; a jump makes the gradient wrong, because the shift of its instant is left out. "
+        f"{' '.join(remedies)} If it does no harm, set `known_discontinuities = True` in the {owner}, or ignore "
+        "`hybridsens.DiscontinuityWarning` by `warnings.filterwarnings`.",
+        DiscontinuityWarning,
+        stacklevel=3,
+    )
+
+
+def _listed(those: list[Break]) -> str:
+    inputs_of = {b.operation: set() for b in those}
+    for b in those:
+        inputs_of[b.operation] |= b.inputs
+    named = lambda inputs: " and ".join(name for name in "tqvx" if name in inputs)
+    return ", ".join(f"{operation} of {named(inputs)}" for operation, inputs in inputs_of.items())
