@@ -52,8 +52,6 @@ class StepBack(NamedTuple):
     """What the step adds to dJ/dtheta, of the structure of theta."""
     psi: Float[Array, "state"]
     """psi at its start."""
-    x1: Float[Array, "state"]
-    """The state at its end."""
     total_error: Any = None
     """Estimated error of `total`; None where the method controls its error by itself."""
     psi_error: Any = None

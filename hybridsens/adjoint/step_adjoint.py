@@ -22,7 +22,7 @@ def diffrax_adjoint(step: RecordedStep, psi, adjoint: diffrax.AbstractAdjoint) -
     done = _vjp_of(step, psi, lambda solver, *given: _diffrax_step(solver, adjoint, *given))
     if not step.controlled:
         return done
-    return _with_its_error(step, psi)._replace(total=done.total, psi=done.psi, x1=done.x1)
+    return _with_its_error(step, psi)._replace(total=done.total, psi=done.psi)
 
 
 def _with_its_error(step: RecordedStep, psi) -> StepBack:
@@ -33,14 +33,14 @@ def _with_its_error(step: RecordedStep, psi) -> StepBack:
         system = lambda p: pick(step.system(p))
         estimated = lambda p, x: step_with_error(solver, system(p), mode, t0, t1, x)
         (x1, _), of_step = jax.vjp(estimated, step.parameters, step.x0)
-        x1, of_projection = jax.vjp(lambda p, x: system(p).project(t1, x, mode), step.parameters, x1)
+        _, of_projection = jax.vjp(lambda p, x: system(p).project(t1, x, mode), step.parameters, x1)
         by_projection, psi_1 = of_projection(psi)  # only what stays on the constraints matters, of the error too
         zero = jnp.zeros_like(psi)
         # One copy to compile; in turn, not side by side, products with vectors stay such: up to a third quicker.
         both = lax.map(of_step, (jnp.stack([psi_1, zero]), jnp.stack([zero, psi_1])))
         total, psi_0 = jax.tree.map(lambda pair: pair[0], both)
         total_error, psi_error = jax.tree.map(lambda pair: pair[1], both)
-        return StepBack(jax.tree.map(jnp.add, total, by_projection), psi_0, x1, total_error, psi_error)
+        return StepBack(jax.tree.map(jnp.add, total, by_projection), psi_0, total_error, psi_error)
 
     return by_mode(step.solver, step.system(step.parameters), mode, carry_back)
 
@@ -48,9 +48,7 @@ def _with_its_error(step: RecordedStep, psi) -> StepBack:
 def _vjp_of(step: RecordedStep, psi, advance) -> StepBack:
     def carry_back(solver, pick):
         moved = lambda p, x: advance(solver, pick(step.system(p)), step.mode, step.t0, step.t1, x)
-        x1, pull = jax.vjp(moved, step.parameters, step.x0)
-        total, psi_0 = pull(psi)
-        return StepBack(total, psi_0, x1)
+        return StepBack(*jax.vjp(moved, step.parameters, step.x0)[1](psi))
 
     return by_mode(step.solver, step.system(step.parameters), step.mode, carry_back)
 
@@ -93,7 +91,7 @@ def costate_equation(step: RecordedStep, psi, *, rtol, atol, state: str) -> Step
     if state == "backward":
         missed = jnp.max(jnp.abs(came_back - step.x0) / (atol + rtol * jnp.abs(step.x0)))
         _warn_of_drift(missed)
-    return StepBack(by_parameters, psi, x1)
+    return StepBack(by_parameters, psi)
 
 
 MOST_STEPS = 4096

@@ -10,6 +10,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from ..flat_system import AbstractFlatSystem
+from ..forward.solver import one_step
 from ..numerics.small_arrays import computed_once
 from ..numerics.tolerances import time_resolution
 from ..observables import Observables
@@ -75,36 +76,27 @@ class Place(NamedTuple):
     """How far psi has come."""
     width: Float[Array, ""]
     """Longest step to try; inf for as long as the recorded one."""
-    t: Float[Array, ""]
-    """A time inside of the recorded step,"""
-    x: Float[Array, "state"]
-    """and the state there."""
 
 
 def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -> Costate:
     """Adjoint of the steps of one segment, from its end: each recorded step at once, or in as many as are needed.
 
-    A turn of the loop tries one step. Where that one starts inside of a recorded step, the turn before has found the
-    state there, by a step from the recorded one: the motion is resolved, so any shorter step follows it."""
+    A turn of the loop tries one step."""
     control, record = backward.control, steps.record
 
     def body(carry):
         place, costate = carry
         start = record.t[place.k]
         left = _left_end(backward, start, place, costate.data)
-        reaches_start = left == start
-        # This turn may only find the state at `left`; then it carries no costate and is never accepted.
-        finds_state = ~reaches_start & (place.t != left)
-        t0, t1 = jnp.where(finds_state, start, left), jnp.where(finds_state, left, place.right)
-        x0 = jnp.where(reaches_start | finds_state, record.x[place.k], place.x)
-        psi = jnp.where(finds_state, 0, costate.psi)
-        go = lambda: _carry_back(backward, steps.mode, t0, t1, x0, psi)
+        reaches_start, h = left == start, place.right - left
+        x0 = _state_inside(backward, steps.mode, start, left, record.x[place.k])
+        go = lambda: _carry_back(backward, steps.mode, left, place.right, x0, costate.psi)
         step = computed_once(costate.tries >= 0, go)  # always true, which XLA cannot foresee
         gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, step.total)
-        judge = lambda: _judge(backward, x0, costate._replace(psi=psi, gathered=gathered), step, t1 - t0, place.width)
+        judge = lambda: _judge(backward, x0, costate._replace(gathered=gathered), step, h, place.width)
         accepted, width, size = computed_once(costate.tries >= 0, judge)
-        finest = t1 - t0 <= time_resolution(t1, 2)  # cannot be cut: two data times may coincide
-        accepted = (accepted | finest) & ~finds_state
+        finest = h <= time_resolution(place.right, 2)  # cannot be cut: two data times may coincide
+        accepted = accepted | finest
         total = jax.tree.map(jnp.add, costate.total, step.total)
         psi, data = _add_data(backward, left, step.psi, costate.data)
         worst = costate.worst
@@ -118,11 +110,9 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
         # Where a recorded step was taken in one piece, the next is tried in one piece too.
         step_end = jnp.where(place.k + 1 < steps.last, record.t[place.k + 1], end)
         in_one = accepted & reaches_start & (place.right == step_end)
-        width = jnp.where(in_one, jnp.inf, jnp.where(finds_state | finest, place.width, width))
-        place = Place(
-            jnp.where(accepted & reaches_start, place.k - 1, place.k), jnp.where(accepted, left, place.right),
-            width, jnp.where(finds_state, left, place.t), jnp.where(finds_state, step.x1, place.x),
-        )  # fmt: skip
+        width = jnp.where(in_one, jnp.inf, jnp.where(finest, place.width, width))
+        k = jnp.where(accepted & reaches_start, place.k - 1, place.k)
+        place = Place(k, jnp.where(accepted, left, place.right), width)
         return place, costate._replace(tries=costate.tries + 1)
 
     def goes_on(carry):
@@ -130,8 +120,15 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
         return (place.k >= steps.first) & (costate.tries < control.most_tries)
 
     never = jnp.full_like(end, jnp.inf)
-    place = Place(steps.last - 1, end, never, never, jnp.zeros_like(costate.psi))
+    place = Place(steps.last - 1, end, never)
     return lax.while_loop(goes_on, body, (place, costate))[1]
+
+
+def _state_inside(backward: BackwardPass, mode, start, t, x):
+    """The state at t inside of a recorded step, by a step from its start, where the state is x: the motion is resolved,
+    so any shorter step follows it."""
+    shorter = lambda: one_step(backward.solver, backward.system, mode, start, t, x)
+    return lax.cond(t > start, shorter, lambda: x)
 
 
 def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:

@@ -19,9 +19,9 @@ class PlainReplay(hs.AbstractGradientMethod):
     factor: float = 1.0
 
     def carry_back(self, step: hs.RecordedStep, psi) -> hs.StepBack:
-        x1, pull = jax.vjp(lambda p, x: step.advance(p, x, step.t1), step.parameters, step.x0)
+        pull = jax.vjp(lambda p, x: step.advance(p, x, step.t1), step.parameters, step.x0)[1]
         total, psi0 = pull(self.factor * psi)
-        return hs.StepBack(total, psi0, x1)
+        return hs.StepBack(total, psi0)
 
 
 class Midpoint(hs.AbstractGradientMethod):
@@ -34,7 +34,7 @@ class Midpoint(hs.AbstractGradientMethod):
         half = psi + h / 2 * pull(psi)[1]
         total, rise = pull(half)
         scaled = jax.tree.map(lambda leaf: h * leaf, total)
-        return hs.StepBack(scaled, psi + h * rise, step.advance(step.parameters, step.x0, step.t1))
+        return hs.StepBack(scaled, psi + h * rise)
 
 
 def final_temperature(a, outside, heat, low, high):
