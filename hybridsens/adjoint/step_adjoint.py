@@ -7,50 +7,56 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..forward.explicit import by_mode
-from ..forward.solver import TERM, one_step, step_with_error
+from ..forward.explicit import ExplicitRungeKutta, by_mode
+from ..forward.solver import TERM, step_with_error
+from .stages_back import differentiated_in_a_loop
 from .step import RecordedStep, StepBack
 
 
 def exact_adjoint(step: RecordedStep, psi) -> StepBack:
-    """Phi_x^T psi and Phi_theta^T psi of a step Phi, and their errors where these are wanted."""
-    return _with_its_error(step, psi) if step.controlled else _vjp_of(step, psi, one_step)
-
-
-def diffrax_adjoint(step: RecordedStep, psi, adjoint: diffrax.AbstractAdjoint) -> StepBack:
-    """The same by an adjoint of Diffrax; it knows no errors, so that the exact adjoint is asked for them."""
-    done = _vjp_of(step, psi, lambda solver, *given: _diffrax_step(solver, adjoint, *given))
-    if not step.controlled:
-        return done
-    return _with_its_error(step, psi)._replace(total=done.total, psi=done.psi)
-
-
-def _with_its_error(step: RecordedStep, psi) -> StepBack:
-    """Phi_x^T psi and Phi_theta^T psi of a step Phi, and the same of its error estimate E."""
-    mode, t0, t1 = step.mode, step.t0, step.t1
+    """Phi_x^T psi and Phi_theta^T psi of a step Phi, and the same of its error estimate E where that is wanted."""
+    mode, t1 = step.mode, step.t1
 
     def carry_back(solver, pick):
         system = lambda p: pick(step.system(p))
-        estimated = lambda p, x: step_with_error(solver, system(p), mode, t0, t1, x)
-        (x1, _), of_step = jax.vjp(estimated, step.parameters, step.x0)
+        x1, of_step = _differentiated(step, solver, system)
         _, of_projection = jax.vjp(lambda p, x: system(p).project(t1, x, mode), step.parameters, x1)
         by_projection, psi_1 = of_projection(psi)  # only what stays on the constraints matters, of the error too
         zero = jnp.zeros_like(psi)
-        # One copy to compile; in turn, not side by side, products with vectors stay such: up to a third quicker.
-        both = lax.map(of_step, (jnp.stack([psi_1, zero]), jnp.stack([zero, psi_1])))
-        total, psi_0 = jax.tree.map(lambda pair: pair[0], both)
-        total_error, psi_error = jax.tree.map(lambda pair: pair[1], both)
-        return StepBack(jax.tree.map(jnp.add, total, by_projection), psi_0, total_error, psi_error)
+        ends = (jnp.stack([psi_1, zero]), jnp.stack([zero, psi_1])) if step.controlled else (psi_1[None], None)
+        total, psi_0 = of_step(*ends)
+        errors = jax.tree.map(lambda of_ends: of_ends[1], (total, psi_0)) if step.controlled else (None, None)
+        total = jax.tree.map(lambda by_step, by_end: by_step[0] + by_end, total, by_projection)
+        return StepBack(total, psi_0[0], *errors)
 
     return by_mode(step.solver, step.system(step.parameters), mode, carry_back)
 
 
-def _vjp_of(step: RecordedStep, psi, advance) -> StepBack:
+def _differentiated(step: RecordedStep, solver, system):
+    """The state at the end of a step before it is projected, and what carries back cotangents of it and of the step's
+    error, row by row."""
+    if isinstance(solver, ExplicitRungeKutta) and not solver.unrolled:
+        return differentiated_in_a_loop(step, solver, system)
+    estimated = lambda p, x: step_with_error(solver, system(p), step.mode, step.t0, step.t1, x)
+    if not step.controlled:
+        x1, of_state = jax.vjp(lambda p, x: estimated(p, x)[0], step.parameters, step.x0)
+        return x1, lambda of_x1, _: lax.map(of_state, of_x1)
+    (x1, _), of_step = jax.vjp(estimated, step.parameters, step.x0)
+    # One copy to compile; in turn, not side by side, products with vectors stay such: up to a third quicker.
+    return x1, lambda of_x1, of_error: lax.map(of_step, (of_x1, of_error))
+
+
+def diffrax_adjoint(step: RecordedStep, psi, adjoint: diffrax.AbstractAdjoint) -> StepBack:
+    """The same by an adjoint of Diffrax; it knows no errors, so that the exact adjoint is asked for them."""
+
     def carry_back(solver, pick):
-        moved = lambda p, x: advance(solver, pick(step.system(p)), step.mode, step.t0, step.t1, x)
+        moved = lambda p, x: _diffrax_step(solver, adjoint, pick(step.system(p)), step.mode, step.t0, step.t1, x)
         return StepBack(*jax.vjp(moved, step.parameters, step.x0)[1](psi))
 
-    return by_mode(step.solver, step.system(step.parameters), step.mode, carry_back)
+    done = by_mode(step.solver, step.system(step.parameters), step.mode, carry_back)
+    if not step.controlled:
+        return done
+    return exact_adjoint(step, psi)._replace(total=done.total, psi=done.psi)
 
 
 def _diffrax_step(solver, adjoint: diffrax.AbstractAdjoint, system, mode, t0, t1, x0):

@@ -78,6 +78,13 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         last = system.flow(t1, y1, mode) if self.tableau.fsal else None
         return y1, self._error(h, first, rises, last)
 
+    def points(self, f, y0, h):
+        """The states X_i at which a step evaluates the flow f(c, X), one a row, and the state after it: what the step
+        is differentiated by where its stages are run in a loop."""
+        (first, rises), points = _stages_in_a_loop(f, y0, h, None, *self._rows_and_times())
+        y1 = y0 + h * _mean(_weights(self.tableau), 1.0, first, rises)
+        return (jnp.concatenate([points, y1[None]]) if self.tableau.fsal else points), y1
+
     def advance(self, system, mode, t0, t1, y0):
         """The state after one step and nothing else: what a recorded step is replayed with, inside of `by_mode`."""
         h = t1 - t0
@@ -86,10 +93,15 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
 
     def _stages(self, f, y0, h, first) -> tuple[Any, list[Any]]:
         """k_0, and k_i - k_0 of the other stages but a first-same-as-last one."""
+        if self.unrolled:
+            return _stages_written_out(f, y0, h, first, *self._rows_and_times())
+        return _stages_in_a_loop(f, y0, h, first, *self._rows_and_times())[0]
+
+    def _rows_and_times(self):
+        """a_ij and c_i of the stages but a first-same-as-last one."""
         tableau = self.tableau
         rows = tableau.a_lower[:-1] if tableau.fsal else tableau.a_lower
-        run = _stages_written_out if self.unrolled else _stages_in_a_loop
-        return run(f, y0, h, first, rows, tableau.c[: len(rows)])
+        return rows, tableau.c[: len(rows)]
 
 
 def by_mode(solver: diffrax.AbstractSolver, system, mode, run: Callable):
@@ -118,8 +130,8 @@ def _stages_written_out(f, y0, h, first, rows, c):
 
 
 def _stages_in_a_loop(f, y0, h, first, rows, c):
-    """`ahead` holds what the coming stages start from so far, the next one first: y_i = y0 + h ahead_i. Carried so, and
-    not as the stages themselves, it costs little to carry back."""
+    """The stages, and the states at which they are evaluated. `ahead` holds what the coming stages start from so far,
+    the next one first: y_i = y0 + h ahead_i."""
     count, known = len(rows) + 1, 0 if first is None else 1
     c = np.concatenate([[0.0], c])
     adds = np.zeros((count, count))  # adds[j, i - j - 1]: what stage j adds to stage i
@@ -132,16 +144,18 @@ def _stages_in_a_loop(f, y0, h, first, rows, c):
     def stage(carry, at):
         first, ahead = carry
         i, c_i, add = at
-        k = f(c_i, y0 + h * ahead[0])
+        point = y0 + h * ahead[0]
+        k = f(c_i, point)
         rise = k - first
         first = jnp.where(i == 0, k, first)
         ahead = jnp.concatenate([ahead[1:], jnp.zeros_like(ahead[:1])]) + add[:, None] * rise
-        return (first, ahead), rise
+        return (first, ahead), (rise, point)
 
     start = jnp.zeros_like(y0) if first is None else first
     ahead = adds[0][:, None] * start  # of an unknown first stage nothing yet
-    (first, _), rises = lax.scan(stage, (start, ahead), (jnp.arange(known, count), c[known:], adds[known:]))
-    return first, [rises[i] for i in range(1 - known, count - known)]
+    stages = jnp.arange(known, count), c[known:], adds[known:]
+    (first, _), (rises, points) = lax.scan(stage, (start, ahead), stages)
+    return (first, [rises[i] for i in range(1 - known, count - known)]), points
 
 
 def _mean(weights, total: float, first, rises):

@@ -50,9 +50,9 @@ class ProjectedSolver(diffrax.AbstractSolver):
 
 UNROLLED_OPERATIONS = 60
 """Flows of up to this many operations have their stages written out; larger ones gain nothing by it."""
-UNROLLED_WHERE_DIFFERENTIATED = 110
-"""The same where a step is differentiated in a mode that constrains nothing, as most are: a double pendulum's gradient
-takes 28 % less time by it, and a third more compilation."""
+UNROLLED_WHERE_DIFFERENTIATED = 40
+"""The same where a step is differentiated. With larger flows that gains a tenth of the time at most, and compilation
+takes up to twice as long."""
 
 
 class FlowSize(NamedTuple):
@@ -71,16 +71,25 @@ def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, size: 
     forward, "bounded" where the step is differentiated.
     """
     if isinstance(solver, diffrax.AbstractERK):
-        # Elsewhere than on a CPU the elements of a batch go through every branch: one more would only be a burden.
-        most = UNROLLED_OPERATIONS if loop == "lax" else UNROLLED_WHERE_DIFFERENTIATED
-        short = size.unconstrained is not None and size.unconstrained <= most
-        unconstrained = ExplicitRungeKutta(solver, True) if short and jax.default_backend() == "cpu" else None
-        return ExplicitRungeKutta(solver, size.whole <= UNROLLED_OPERATIONS, unconstrained)
+        return _explicit(solver, size, differentiated=loop == "bounded")
     if isinstance(solver, diffrax.AbstractImplicitSolver):
         solver = _with_tolerances(solver, rtol, atol)
     if isinstance(solver, diffrax.AbstractRungeKutta):
         solver = eqx.tree_at(lambda s: s.scan_kind, solver, loop, is_leaf=lambda leaf: leaf is None)
     return ProjectedSolver(solver)
+
+
+def _explicit(solver: diffrax.AbstractERK, size: FlowSize, differentiated: bool) -> ExplicitRungeKutta:
+    """Stages of our own, for either flow.
+
+    A second, shorter flow is a second copy to compile. Written out it is worth that; in a loop only on the way back.
+    Elsewhere than on a CPU the elements of a batch go through every branch: one more would only be a burden."""
+    most = UNROLLED_WHERE_DIFFERENTIATED if differentiated else UNROLLED_OPERATIONS
+    unconstrained = None
+    if size.unconstrained is not None and jax.default_backend() == "cpu":
+        short = size.unconstrained <= most
+        unconstrained = ExplicitRungeKutta(solver, short) if short or differentiated else None
+    return ExplicitRungeKutta(solver, size.whole <= most, unconstrained)
 
 
 def flow_size(system, mode, t, x) -> FlowSize:
