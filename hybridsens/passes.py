@@ -70,7 +70,7 @@ go_forward = eqx.filter_jit(_go)  # traced for the value and again for its gradi
 def _go_jvp(primals, tangents):
     """The variation may take shorter steps; what it varies stays the motion without it, as `jax.linearize` asks."""
     problem, options = primals
-    motion, samples = batch_in_front(go_forward(problem, options))
+    motion, samples = go_forward(problem, options)
 
     def vary(problem):
         followed = _follow(problem, options, motion)
@@ -102,7 +102,7 @@ def _go_back_jvp(primals, tangents):
     problem, options, motion, cotangent, way = primals
     vary = lambda problem, given: _pull_back(problem, options, _follow(problem, options, motion), given, way)
     d_gradient = eqx.filter_jvp(vary, (problem, cotangent), (tangents[0], tangents[3]))[1]
-    return batch_in_front(go_back(*primals)), d_gradient
+    return go_back(*primals), d_gradient
 
 
 def _pull_back(
