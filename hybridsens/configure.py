@@ -45,7 +45,8 @@ def configure(
     - `cache`: a folder in which JAX keeps compiled programs for the next start of Python; True for one below the
       user's own folder of caches ($XDG_CACHE_HOME, or ~/.cache). Default: leave it. The command line keeps them.
 
-    It also makes a CPU run programs in the calling thread: waking another thread costs more than a short motion.
+    It also makes a CPU run programs in the calling thread (waking another thread costs more than a short motion), and
+    keeps its compiler from writing out loops of more than four turns.
     The same call again does nothing, so that a notebook's cell can be run twice; `cache` may be changed at any time.
 
     Raises: RuntimeError if JAX has already started with other settings, since it reads them only then.
