@@ -20,8 +20,6 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..numerics.small_arrays import largest
-
 FLOOR = 1e-2
 """An entry is resolved relative to itself, down to this part of the largest effect."""
 REFINED = 0.05
@@ -63,7 +61,7 @@ class DerivativeControl(eqx.Module):
 
     def _of_entries(self, unit, before, after, error, peak):
         own = jnp.maximum(jnp.abs(before), jnp.abs(after))
-        size = largest(own / unit)
+        size = jnp.max(own / unit, initial=0)
         ratio = _largest_ratio(jnp.abs(error), own + FLOOR * size * unit) / self.rtol
         return jnp.where(is_noise(size, peak), 0, ratio), size
 
@@ -137,4 +135,4 @@ def control_order(solver: diffrax.AbstractSolver, term) -> float:
 
 
 def _largest_ratio(error, scale):
-    return largest(jnp.where(error > 0, error / jnp.where(scale > 0, scale, 1), 0))
+    return jnp.max(jnp.where(error > 0, error / jnp.where(scale > 0, scale, 1), 0), initial=0)

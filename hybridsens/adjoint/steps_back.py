@@ -11,9 +11,9 @@ from jaxtyping import Array, Float, Int
 
 from ..flat_system import AbstractFlatSystem
 from ..forward.solver import one_step
-from ..numerics.small_arrays import computed_once
 from ..numerics.tolerances import time_resolution
 from ..observables import Observables
+from ..xla.once import computed_once
 from ..xla.packed import pack
 from .control import DerivativeControl, is_noise
 from .methods import AbstractGradientMethod

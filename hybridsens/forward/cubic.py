@@ -4,7 +4,6 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..numerics.small_arrays import any_of
 from ..numerics.tolerances import rounding
 
 UNSURE = 0.01
@@ -29,7 +28,7 @@ def first_falling_root(
     below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | narrow
     never = jnp.full_like(g0, jnp.inf)
     found = lambda: [jnp.where(below, s, never) for s in _falling_root(g0, d0, g1, d1, noise)]
-    root, miss = lax.cond(any_of(below), found, lambda: [never, never])
+    root, miss = lax.cond(jnp.any(below), found, lambda: [never, never])
     return root, miss
 
 
@@ -72,7 +71,7 @@ def hides_a_dip(
     rounded = rounding(g0.dtype) * (jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1)) + noise
     # A guard that is just being left is small at first for a good reason: only its end can be compared.
     clearance = jnp.where(g0 <= rounded, g1, lowest / 2)
-    return any_of((bend > clearance) & (bend > rounded))
+    return jnp.any((bend > clearance) & (bend > rounded))
 
 
 def tangents_meet_below(

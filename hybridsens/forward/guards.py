@@ -4,7 +4,6 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.small_arrays import all_of
 from ..numerics.tolerances import closeness, rounding, time_resolution
 
 
@@ -47,4 +46,4 @@ def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> Int[Array, "
 
 def are_known(guard, rate) -> Bool[Array, ""]:
     """Whether guards are finite and their rates are numbers; a rate may be infinite where a gap is a square root."""
-    return all_of(jnp.isfinite(guard) & ~jnp.isnan(rate))
+    return jnp.all(jnp.isfinite(guard) & ~jnp.isnan(rate))

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import AbstractFlatSystem
-from ..numerics.small_arrays import any_of
 from ..status import Status
 from .clip_floor import short_clip_floor
 from .event_location import EventLocator, LocatorState
@@ -48,7 +47,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     known = next_known(system, motion, t1)
     stop = jnp.minimum(known.stop, t1)
     start = guards_at_start(system, motion.t, motion.x, motion.mode)
-    at_once = any_of(start.triggered) | ~motion.begun
+    at_once = jnp.any(start.triggered) | ~motion.begun
     controller = EventLocator(
         stepper.controller, motion.first_step, stop, motion.steps, motion.rejected, start,
         stepper.max_steps, stepper.segment_steps,

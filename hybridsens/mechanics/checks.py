@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import lineax as lx
 from jax import lax
 
-from ..numerics.small_arrays import all_of
 from ..status import Status
 from ..validation.asked import Asked, kind_of
 from ..validation.returned import must_have_shape, returned_array, returned_leaves
@@ -99,10 +98,10 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> S
     entries = [jnp.ravel(part) for part in jax.tree.leaves(mass_entries(mass))]
     values = jnp.concatenate([q, v, *entries, gap, rate, scene.force(t, q, v), t[None]])
     requirements = (
-        (ContactStatus.penetration, (event != -1) | all_of(gap >= -gap_tolerance(mode.length))),
-        (ContactStatus.bad_restitution, all_of((e >= 0) & (e <= 1))),
+        (ContactStatus.penetration, (event != -1) | jnp.all(gap >= -gap_tolerance(mode.length))),
+        (ContactStatus.bad_restitution, jnp.all((e >= 0) & (e <= 1))),
         (ContactStatus.bad_mass_matrix, _definite(mass, event)),
-        (Status.non_finite, all_of(jnp.isfinite(values))),
+        (Status.non_finite, jnp.all(jnp.isfinite(values))),
     )
     status = Status.running
     for failure, fits in requirements:

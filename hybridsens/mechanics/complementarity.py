@@ -7,7 +7,6 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.dense import pivoted_on, principal_pivot
-from ..numerics.small_arrays import any_of
 from ..numerics.tolerances import closeness
 
 
@@ -43,7 +42,7 @@ def complementarity_support(
         T, S, x, _, count = carry
         value, left = T[:, n], jnp.diagonal(T)  # of members: x; of the others: residual, and what is left of W
         negative = S & (value <= 0)
-        feasible = ~any_of(negative)
+        feasible = ~jnp.any(negative)
         violation = jnp.where(candidates & ~S & (left > least), value + noise, jnp.inf)
         target = jnp.where(S, value, 0)
         fraction = jnp.where(negative, x / jnp.where(negative, x - target, 1), jnp.inf)
@@ -110,14 +109,14 @@ def independent_superset(
     def next_one(T, inside):
         """S comes first; then who is left and does not depend on those inside."""
         eligible = (S | candidates) & ~inside & (S | (jnp.diagonal(T) > least))
-        return jnp.argmax(jnp.where(eligible, 1 + S, 0)), any_of(eligible)
+        return jnp.argmax(jnp.where(eligible, 1 + S, 0)), jnp.any(eligible)
 
     def take(carry):
         T, inside, k, _ = carry
         T, inside = principal_pivot(T, k), inside | (jnp.arange(inside.shape[0]) == k)
         return T, inside, *next_one(T, inside)
 
-    more = any_of(candidates & ~S)
+    more = jnp.any(candidates & ~S)
     inside = S & ~more  # all there is where nobody is to be added: nothing to search
     k, eligible = next_one(matrix, inside)
     return lax.while_loop(lambda carry: carry[3], take, (matrix, inside, k, eligible & more))[1]

@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from ..numerics.small_arrays import any_of
 from ..numerics.tolerances import closeness, time_resolution
 from .contact import gap_and_rate
 from .mode import ContactMode, gap_tolerance
@@ -36,4 +35,4 @@ def is_not_smooth(scene: AbstractScene, t, q, v, mode: ContactMode) -> Bool[Arra
         (close > far / 4) & (close > 4 * scale)
         for close, far, scale in zip(changes(near), changes(WIDER * near), scales, strict=True)
     ]
-    return any_of(mode.active & (jumps[0] | jumps[1]))
+    return jnp.any(mode.active & (jumps[0] | jumps[1]))

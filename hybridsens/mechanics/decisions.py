@@ -10,7 +10,6 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import Decision
-from ..numerics.small_arrays import any_of, product
 from ..numerics.tolerances import closeness
 from ..status import Status
 from .checks import may_begin
@@ -139,11 +138,11 @@ def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: Cont
     geometry, rate, impacting = at_event.geometry, at_event.rate, at_event.impacting
     e, no_contact = scene.restitution(), jnp.zeros_like(impacting)
     support = impulse_support(geometry, rate, e, impacting, mode.speed)
-    v_after = now.v + product(geometry.mobility, transition_impulse(geometry, rate, e, support, no_contact))
+    v_after = now.v + geometry.mobility @ transition_impulse(geometry, rate, e, support, no_contact)
     first_step_bound = _first_step_bound(scene, now._replace(v=v_after), at_event.gap_acceleration, impacting)
     pressed, too_slow = at_event.gap_acceleration < 0, jnp.maximum(-e * rate, 0) <= at_event.below_rounding
     stays = impacting & too_slow & pressed & at_event.triggered
-    status = Status.where(any_of(stays), Status.event_repeats, status)
+    status = Status.where(jnp.any(stays), Status.event_repeats, status)
     detail = ImpactDetail(at_event.triggered, support, no_contact, no_contact)
     order_matters = _order_matters(at_event, support, mode)
     return Verdict(mode, detail, jnp.asarray(EventKind.IMPACT), grazing, status, first_step_bound, order_matters)
@@ -175,9 +174,8 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: 
     def turn(k, last: Impact) -> Impact:
         restitution = jnp.where(last.plastic, 0, e)
         support = impulse_support(geometry, rate, restitution, impacting, mode.speed)
-        v_after = v + product(
-            geometry.mobility, transition_impulse(geometry, rate, restitution, support, last.brought_to_rest)
-        )
+        impulse = transition_impulse(geometry, rate, restitution, support, last.brought_to_rest)
+        v_after = v + geometry.mobility @ impulse
         _, rate_after = gap_and_rate(scene, t, q, v_after)
         acceleration = gap_acceleration(scene, geometry, t, q, v_after)
         together = (k == 2) & (not alone)
@@ -192,7 +190,7 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: 
         brought_to_rest = last.brought_to_rest
         if not alone:
             rests = selection.active | selection.resting
-            more = any_of(rests & ~(last.selection.active | last.selection.resting))
+            more = jnp.any(rests & ~(last.selection.active | last.selection.resting))
             all_of_them = independent_superset(geometry.delassus_matrix, selection.active, rests)
             brought_to_rest = jnp.where(together, all_of_them & more, brought_to_rest)
         return Impact(plastic, support, brought_to_rest, v_after, selection)
@@ -200,7 +198,7 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: 
     def next_turn(carry):
         k, last = carry
         impact = turn(k, last)
-        as_it_was = (k == 0) & ~any_of(impact.plastic != last.plastic)  # turn 1 would apply the same law again
+        as_it_was = (k == 0) & ~jnp.any(impact.plastic != last.plastic)  # turn 1 would apply the same law again
         return jnp.where(as_it_was, 2, k + 1), impact
 
     several = (not alone) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.small_arrays import any_of, product
 from ..numerics.tolerances import closeness, rounding, time_resolution
 from .contact import ContactGeometry, Instant, contact_geometry, gap_and_rate
 from .laws import gap_acceleration
@@ -44,7 +43,7 @@ def look_at_event(
     tolerance = gap_tolerance(mode.length)
     start = event < 0
     triggered = jnp.arange(gap.shape[0]) == event
-    is_release = any_of(triggered & mode.active)
+    is_release = jnp.any(triggered & mode.active)
     touching = _touching(geometry, event, gap, tolerance + time_resolution(t, 2) * jnp.abs(rate))
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
     closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
@@ -75,7 +74,7 @@ def wider_scales(mode: ContactMode, jacobian: Float[Array, "contact dof"], q, v,
     size = jnp.abs(jacobian)
     floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
     length, speed = (
-        jnp.maximum(jnp.maximum(known, floor), product(size, jnp.abs(of)))
+        jnp.maximum(jnp.maximum(known, floor), size @ jnp.abs(of))
         for known, of in ((mode.length, q), (mode.speed, v))
     )
     return dataclasses.replace(mode, length=length, speed=speed)

@@ -8,7 +8,6 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.dense import solve_masked
-from ..numerics.small_arrays import any_of
 from .contact import contact_geometry, gap_and_rate, gap_rate_and_bias
 from .few import Among, among_held
 from .mass import solve_mass
@@ -44,7 +43,7 @@ def acceleration(scene: AbstractScene, t, q, v, active: Bool[Array, "contact"]) 
     if not scene.sustained_contact or active.shape[0] == 0:
         return free
     return free + lax.cond(
-        any_of(active),
+        jnp.any(active),
         lambda: contact_multiplier(scene, t, q, v, free, active)[1],
         lambda: jnp.zeros_like(free),
     )

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.dense import solve_masked
-from ..numerics.small_arrays import product
 from ..numerics.tolerances import closeness
 from .complementarity import complementarity_support
 from .contact import ContactGeometry, gap_rate_and_bias
@@ -71,15 +70,15 @@ class GapAcceleration(NamedTuple):
     def held(self, geometry: ContactGeometry, active: Bool[Array, "contact"]) -> Float[Array, "contact"]:
         """Phi'' where the active contacts are held, by (T1): free + W lambda."""
         multiplier = solve_masked(geometry.delassus_matrix, -self.free, active.astype(self.free.dtype))
-        return self.free + product(geometry.delassus_matrix, multiplier)
+        return self.free + geometry.delassus_matrix @ multiplier
 
 
 def gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v) -> GapAcceleration:
     """Phi'' = G^T v' + gamma with v' = M^-1 F."""
     free = free_acceleration(scene, t, q, v)
     _, bias = gap_rate_and_bias(scene, t, q, v)
-    size = product(jnp.abs(geometry.jacobian), jnp.abs(free)) + jnp.abs(bias)
-    return GapAcceleration(product(geometry.jacobian, free) + bias, closeness(q.dtype) * size)
+    size = jnp.abs(geometry.jacobian) @ jnp.abs(free) + jnp.abs(bias)
+    return GapAcceleration(geometry.jacobian @ free + bias, closeness(q.dtype) * size)
 
 
 def gauss_selection(

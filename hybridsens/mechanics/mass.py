@@ -10,7 +10,6 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.dense import linear_solve, pivots, refined, solve_spd
-from ..numerics.small_arrays import all_of
 
 
 class ConstantMass(eqx.Module):
@@ -69,12 +68,12 @@ def is_positive_definite(mass: Mass) -> Bool[Array, ""] | bool:
     if isinstance(mass, lx.IdentityLinearOperator):
         return True
     if isinstance(mass, lx.DiagonalLinearOperator):
-        return all_of(mass.diagonal > 0)
+        return jnp.all(mass.diagonal > 0)
     if isinstance(mass, lx.TridiagonalLinearOperator):
-        return _is_symmetric(mass.lower_diagonal, mass.upper_diagonal) & all_of(_tridiagonal_pivots(mass) > 0)
+        return _is_symmetric(mass.lower_diagonal, mass.upper_diagonal) & jnp.all(_tridiagonal_pivots(mass) > 0)
     matrix = mass.matrix if isinstance(mass, ConstantMass) else mass
     assert not isinstance(matrix, lx.AbstractLinearOperator)
-    return _is_symmetric(matrix, matrix.T) & all_of(pivots(matrix) > 0)
+    return _is_symmetric(matrix, matrix.T) & jnp.all(pivots(matrix) > 0)
 
 
 def _is_symmetric(lower, upper) -> Bool[Array, ""]:

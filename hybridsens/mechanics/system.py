@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 
 from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
-from ..numerics.small_arrays import any_of
 from ..numerics.tolerances import closeness
 from ..search.path import Path
 from ..search.stretches import gap_kinds, search_gaps
@@ -82,7 +81,7 @@ class MechanicalSystem(AbstractFlatSystem):
         if not self.scene.sustained_contact:
             return gap
         return lax.cond(
-            any_of(mode.active),
+            jnp.any(mode.active),
             lambda: jnp.where(mode.active, multipliers(self.scene, t, q, v, mode.active), gap),
             lambda: gap,
         )
@@ -99,7 +98,7 @@ class MechanicalSystem(AbstractFlatSystem):
             multiplier, multiplier_rate = multipliers_and_rates(self.scene, t, q, v, mode.active)
             return jnp.where(mode.active, multiplier, gap), jnp.where(mode.active, multiplier_rate, rate)
 
-        return lax.cond(any_of(mode.active), with_multipliers, lambda: (gap, rate))
+        return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
 
     def searches(self, t, x):
         """Whether a gap is curved: what is affine in (t, q) cannot dip unseen. Told from the trace of the gaps."""
@@ -170,7 +169,7 @@ class MechanicalSystem(AbstractFlatSystem):
             found = project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap)
             return jnp.concatenate([found.q, found.v, z])
 
-        return lax.cond(any_of(mode.active), projected, lambda: x)
+        return lax.cond(jnp.any(mode.active), projected, lambda: x)
 
     def project_with_error(self, t, x, mode: ContactMode):
         """What rounding leaves in a gap or in a rate is no error of a step: no shorter step would mend it."""
@@ -181,12 +180,12 @@ class MechanicalSystem(AbstractFlatSystem):
         def projected():
             q, v, z = self.split(x)
             found = project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap)
-            drifts = any_of(jnp.abs(found.gap_error) > ROUNDED * gap_tolerance(mode.length))
-            turns = any_of(jnp.abs(found.rate_error) > ROUNDED * closeness(x.dtype) * mode.speed)
+            drifts = jnp.any(jnp.abs(found.gap_error) > ROUNDED * gap_tolerance(mode.length))
+            turns = jnp.any(jnp.abs(found.rate_error) > ROUNDED * closeness(x.dtype) * mode.speed)
             moved = [jnp.where(drifts, found.q - q, 0), jnp.where(turns, found.v - v, 0), jnp.zeros_like(z)]
             return jnp.concatenate([found.q, found.v, z]), jnp.concatenate(moved)
 
-        return lax.cond(any_of(mode.active), projected, lambda: (x, nothing))
+        return lax.cond(jnp.any(mode.active), projected, lambda: (x, nothing))
 
     def stuck(self, t, x, mode: ContactMode) -> Status:
         """A gap that jumps or has a corner is told from forces that are stiff."""
@@ -198,4 +197,4 @@ class MechanicalSystem(AbstractFlatSystem):
         """While every contact is open, v' = M^-1 F: no multipliers, nothing to project."""
         if not self.projects(mode):
             return None
-        return ~any_of(mode.active), dataclasses.replace(self, free=True)
+        return ~jnp.any(mode.active), dataclasses.replace(self, free=True)

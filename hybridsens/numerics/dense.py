@@ -11,7 +11,6 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from .batch_axes import batch_in_front
-from .small_arrays import any_of
 
 PLAIN = 2
 """Up to this many unknowns the elimination is so short that it is differentiated as it stands."""
@@ -97,12 +96,16 @@ def principal_pivot(tableau: Float[Array, "n columns"], k) -> Float[Array, "n co
 def pivoted_on(tableau: Float[Array, "n columns"], members: Bool[Array, "n"]) -> Float[Array, "n columns"]:
     """The tableau after a principal pivot on each member."""
 
-    def take(carry):
-        T, left = carry
-        k = jnp.argmax(left)
-        return principal_pivot(T, k), left & (jnp.arange(left.shape[0]) != k)
+    n = members.shape[0]
+    places = jnp.arange(n)
+    first = lambda left: jnp.min(jnp.where(left, places, n))  # n where none is left
 
-    return lax.while_loop(lambda carry: any_of(carry[1]), take, (tableau, members))[0]
+    def take(carry):
+        T, left, k = carry
+        left = left & (places != k)
+        return principal_pivot(T, k), left, first(left)
+
+    return lax.while_loop(lambda carry: carry[2] < n, take, (tableau, members, first(members)))[0]
 
 
 def _inverse(matrix):

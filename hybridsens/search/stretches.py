@@ -19,7 +19,6 @@ from ..flat_system import Searched, StepEnds
 from ..interval.arithmetic import Interval, point
 from ..interval.enclosure import enclose
 from ..interval.kind import Kind, kinds
-from ..numerics.small_arrays import all_of, any_of, smallest
 from ..numerics.tolerances import time_resolution
 from .path import Path
 
@@ -60,7 +59,7 @@ class Stretch(NamedTuple):
 
     def crossing(self, which: Bool[Array, "contact"]) -> Float[Array, ""]:
         """Where the first of these gaps passes zero, as a fraction of the stretch, by its chord."""
-        return jnp.clip(smallest(jnp.where(which, self.gap0 / (self.gap0 - self.gap1), 1)), 0, 1)
+        return jnp.clip(jnp.min(jnp.where(which, self.gap0 / (self.gap0 - self.gap1), 1), initial=jnp.inf), 0, 1)
 
 
 class Walk(NamedTuple):
@@ -86,8 +85,8 @@ class Walk(NamedTuple):
     def after(self, stretch: Stretch, tolerance, searched, widest: float, finest) -> "Walk":
         """Pass the stretch, or end at the crossing in it, or halve it; one of the finest width is passed anyhow."""
         clear = stretch.clear(tolerance) | ~searched
-        found = any_of(~clear) & all_of(clear | stretch.falls(tolerance))
-        passed = all_of(clear) | (~found & (self.width <= finest))
+        found = jnp.any(~clear) & jnp.all(clear | stretch.falls(tolerance))
+        passed = jnp.all(clear) | (~found & (self.width <= finest))
         pick = lambda new, old: jnp.where(passed, new, old)
         s = pick(self.s + self.width, self.s)
         wider = jnp.minimum(jnp.minimum(2 * self.width, widest), 1 - s)

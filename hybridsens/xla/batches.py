@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..numerics.batch_axes import batch_in_front
+from .rewriting import rewritten
 
 
 def map_batch_on_cpu(function: Callable, unbatched: Callable, one_element: Callable | None = None) -> Callable:
@@ -42,7 +43,7 @@ def map_batch_on_cpu(function: Callable, unbatched: Callable, one_element: Calla
             full = tree.unflatten([next(elements) if flag else leaf for flag, leaf in zip(flags, leaves, strict=True)])
             return (mapped(*full) if one_element is None else one_element(batched, *full))[0]
 
-        result = lax.map(call, [leaf for flag, leaf in zip(flags, leaves, strict=True) if flag])
+        result = lax.map(rewritten(call), [leaf for flag, leaf in zip(flags, leaves, strict=True) if flag])
         first = tree.unflatten([leaf[0] if flag else leaf for flag, leaf in zip(flags, leaves, strict=True)])
         residuals = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(function, *first)[1])
         out = result, residuals

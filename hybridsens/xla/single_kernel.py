@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .packed import Packed, pack
-from .scatters import without_scatters
+from .rewriting import rewritten
 
 _LONG = 1_000_000
 """Bytes of large arrays from which on a function stays as it is: the loop would hold them twice, and what goes on for
@@ -27,7 +27,7 @@ def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
     The arguments begin as what the loop carries and the results end as it: of two vectors, one real, one whole.
     """
     # Its trace is kept: one for the shapes, and for the loop.
-    function = jax.jit(without_scatters(function), inline=True)
+    function = jax.jit(rewritten(function), inline=True)
 
     def looped(*arguments):
         given, result = pack(arguments), jax.eval_shape(lambda *given: pack(function(*given)), *arguments)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
-from hybridsens.xla.scatters import without_scatters
+from hybridsens.xla.rewriting import rewritten
 from tests.closeness import assert_close
 from tests.xla.test_one_kernel import entry
 
@@ -27,7 +27,7 @@ SUMS = {
 @pytest.mark.parametrize("name", SUMS)
 def test_a_loop_adds_what_a_scatter_adds(name):
     x, u = jnp.array([0.1, 0.5, -0.9, 0.3]), jnp.sin(jnp.arange(20.0)).reshape(5, 4)
-    looped = without_scatters(SUMS[name])
+    looped = rewritten(SUMS[name])
     assert "scatter" in str(jax.make_jaxpr(SUMS[name])(x, u))
     assert "scatter" not in str(jax.make_jaxpr(looped)(x, u))
     assert_close(looped(x, u), SUMS[name](x, u), 1e-15)
@@ -39,7 +39,7 @@ def test_a_loop_adds_what_a_scatter_adds(name):
 def test_what_has_no_scatter_is_left_as_it_is():
     function = lambda x: jax.lax.scan(lambda x, _: (jnp.sin(x), None), x, length=3)[0]
     trace = lambda f: str(jax.make_jaxpr(f)(jnp.ones(3)))
-    assert trace(without_scatters(function)) == trace(function)
+    assert trace(rewritten(function)) == trace(function)
 
 
 class Ring(hs.AbstractScene):

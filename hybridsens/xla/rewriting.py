@@ -1,0 +1,64 @@
+"""What XLA compiles badly on a CPU, replaced in a trace by what it compiles well."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import jax
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, jaxpr_as_fun, jaxprs_in_params
+
+from .reductions import short_reduction
+from .scatters import sum_by_scatter
+
+RULES = (sum_by_scatter, short_reduction)
+"""Each returns a function to be called in the place of an equation of a trace, or None for an equation that stays."""
+
+
+def rewritten(function: Callable[..., Any], rules: Iterable[Callable] = RULES) -> Callable[..., Any]:
+    """`function` of PyTrees of arrays, with equations of its trace replaced by the rules."""
+
+    def better(*arguments):
+        traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
+        results = jaxpr_as_fun(_Rewriting(rules).of(traced))(*jax.tree.leaves(arguments))
+        return jax.tree.unflatten(jax.tree.structure(shapes), results)
+
+    return better
+
+
+class _Rewriting:
+    """The same for a trace and those inside of it."""
+
+    def __init__(self, rules: Iterable[Callable]):
+        self.rules = rules
+        self.done: dict[int, Any] = {}
+        """An inner trace that comes again stays the same object, by which JAX compiles it once."""
+
+    def of(self, traced):
+        """The same trace with its equations replaced; what had none of these is returned as it is."""
+        if isinstance(traced, ClosedJaxpr):
+            inner = self.of(traced.jaxpr)
+            return traced if inner is traced.jaxpr else traced.replace(jaxpr=inner)
+        if id(traced) not in self.done:
+            equations = [self.of_equation(equation) for equation in traced.eqns]
+            same = all(new is old for new, old in zip(equations, traced.eqns, strict=True))
+            self.done[id(traced)] = traced if same else traced.replace(eqns=equations)
+        return self.done[id(traced)]
+
+    def of_equation(self, equation: JaxprEqn) -> JaxprEqn:
+        for rule in self.rules:
+            function = rule(equation)
+            if function is not None:
+                return _calling(function, equation)
+        if not any(True for _ in jaxprs_in_params(equation.params)):
+            return equation
+        is_jaxpr = lambda leaf: isinstance(leaf, Jaxpr | ClosedJaxpr)
+        replace = lambda leaf: self.of(leaf) if is_jaxpr(leaf) else leaf
+        parameters = {name: jax.tree.map(replace, value, is_leaf=is_jaxpr) for name, value in equation.params.items()}
+        same = all(jax.tree.leaves(jax.tree.map(lambda new, old: new is old, parameters, equation.params)))
+        return equation if same else equation.replace(params=parameters)
+
+
+def _calling(function, equation: JaxprEqn) -> JaxprEqn:
+    """An equation that calls `function` in the place of another one."""
+    shapes: list[Any] = [variable.aval for variable in equation.invars]
+    call = jax.make_jaxpr(jax.jit(function))(*shapes).eqns[-1]
+    return call.replace(invars=equation.invars, outvars=equation.outvars)
