@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..forward.record import EventRecord, Motion, segment, segment_end
+from ..forward.record import Event, Motion, recorded_event, segment, segment_end
 from ..observables import filled
 from ..xla.packed import pack
 from .control import FORESEEN
@@ -41,7 +41,7 @@ def pull_back(
     (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `find_steps` gives a segment's steps,
     `initial` is (t0, x0); `moving_ends` says whether t0 and t1 are differentiated by.
     """
-    system, events = backward.system, motion.events
+    system = backward.system
     by_t0, by_t1 = moving_ends
     start = _costate_at_end(backward, motion)
 
@@ -52,14 +52,14 @@ def pull_back(
         steps = find_steps(motion, j)
         costate = costate._replace(psi=steps.valid * costate.psi)
         costate = through_steps(backward, steps, segment_end(motion, j), costate)
-        go = lambda: _through_event(backward, events, j - 1, costate, by_events)
+        go = lambda: _through_event(backward, recorded_event(motion, j - 1), j - 1, costate, by_events)
         return j - 1, *lax.cond(j > 0, go, lambda: (costate, by_events))
 
     def sweep(carry):
         number, costate, _ = carry
         foreseen = jax.tree.map(lambda gathered: (FORESEEN * gathered).astype(gathered.dtype), costate.gathered)
         again = start._replace(foreseen=foreseen, strict=number > 0, tries=costate.tries)
-        swept = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, (events.count, again, no_gradient))
+        swept = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, (motion.events.count, again, no_gradient))
         return number + 1, *swept[1:]
 
     def goes_on(carry):
@@ -133,9 +133,8 @@ def _through_start(backward: BackwardPass, motion: Motion, initial, carried: Car
     return total, psi, of_t0
 
 
-def _through_event(backward: BackwardPass, events: EventRecord, j, costate: Costate, by_events):
+def _through_event(backward: BackwardPass, event: Event, j, costate: Costate, by_events):
     """Adjoint jump at event j: psi- = S^T psi+, with what is reported of the event (T8)-(T10)."""
-    event = events.event(j)
     reported = filled(event.states, jax.tree.map(lambda rows: rows[j], backward.cotangent.events))
     total, psi, by_dt = pull_jump_back(backward.system, event, Jump(costate.psi, reported), costate.by_dt)
     # The error of a step is measured against what events add to the same parameters too.

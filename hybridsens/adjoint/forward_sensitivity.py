@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from ..flat_system import AbstractFlatSystem
 from ..forward.explicit import by_mode
-from ..forward.record import Motion, StepRecord, after_jump, is_jump, segment, segment_end, write
+from ..forward.record import Motion, StepRecord, after_jump, is_jump, recorded_event, segment, segment_end, write
 from ..forward.solver import step_with_error
 from ..forward.tangent import push
 from ..numerics.tolerances import time_resolution
@@ -160,7 +160,7 @@ def _through_event(forward: ForwardPass, motion: Motion, j, moves, taken: StepRe
     dx, dt = moves
     is_event = j < motion.events.count
     place = jnp.minimum(j, motion.events.steps.shape[0] - 1)
-    event = motion.events.event(place)
+    event = recorded_event(motion, place)
     d = push_jump_forward(forward.system, event, forward.d_system, dx, dt, is_event)
     put = lambda buffer, entry: write(buffer, jnp.where(is_event, entry, 0), place)
     last = taken.count

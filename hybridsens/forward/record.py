@@ -54,22 +54,29 @@ class StepRecord(eqx.Module):
         return StepRecord(write(self.t, t, self.count), write(self.x, x, self.count), self.count)
 
 
-class Event(NamedTuple):
-    """One event, or a row for each."""
+class EventRow(NamedTuple):
+    """What is written down of an event; with a leading axis, of every event."""
 
     states: EventStates
     guard: Int[Array, "*event"]
     """Which guard fell through zero, or `jump_number` of a jump time."""
     decision: Decision
     """The discrete outcome, with the mode after."""
+
+
+class Event(NamedTuple):
+    """One event, and the mode before it."""
+
+    states: EventStates
+    guard: Int[Array, ""]
+    decision: Decision
     mode: Mode
-    """The mode before."""
 
 
 class EventRecord(eqx.Module):
     """Event j ends segment j. Arrays hold `max_events` entries, of which `count` are used."""
 
-    rows: Event
+    rows: EventRow
     """Times are inf and guards -1 beyond the last."""
     steps: Int[Array, "event"]
     """Number of accepted steps up to the event."""
@@ -84,11 +91,7 @@ class EventRecord(eqx.Module):
     def states(self) -> EventStates:
         return self.rows.states
 
-    def event(self, place) -> Event:
-        """One of them."""
-        return jax.tree.map(lambda rows: rows[place], self.rows)
-
-    def append(self, passes, event: Event, steps, first_step) -> "EventRecord":
+    def append(self, passes, event: EventRow, steps, first_step) -> "EventRecord":
         """Write the next event; one that does not pass is overwritten by the next."""
         put = lambda rows, entry: jax.tree.map(lambda buffer, leaf: write(buffer, leaf, self.count), rows, entry)
         return EventRecord(
@@ -112,6 +115,8 @@ class Motion(eqx.Module):
     """The state there."""
     mode: Mode
     """The mode there."""
+    first_mode: Mode
+    """The mode that it began in. Every later one is that after an event."""
     steps: StepRecord
     events: EventRecord
     last_guard: Int[Array, ""]
@@ -147,16 +152,17 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
     rows = lambda tree: jax.tree.map(lambda leaf: jnp.zeros((max_events + 1, *leaf.shape), leaf.dtype), tree)
     states = EventStates(jnp.full(max_events + 1, jnp.inf, t0.dtype), rows(x0), rows(x0), rows(emitted))
     events = EventRecord(
-        rows=Event(states, jnp.full(max_events + 1, -1), rows(decision), rows(mode)),
+        rows=EventRow(states, jnp.full(max_events + 1, -1), rows(decision)),
         steps=jnp.zeros(max_events + 1, int),
         first_step=jnp.zeros(max_events + 1, t0.dtype),
         count=jnp.array(0),
         room=room,
     )
     never = jnp.array(-jnp.inf, t0.dtype)
-    no = jnp.array(False)
-    zero = jnp.array(0)
-    return Motion(no, t0, x0, mode, steps, events, jnp.array(-1), never, no, zero, zero, jnp.zeros_like(t0), status)
+    no, zero = jnp.array(False), jnp.array(0)
+    return Motion(
+        no, t0, x0, mode, mode, steps, events, jnp.array(-1), never, no, zero, zero, jnp.zeros_like(t0), status
+    )  # fmt: skip
 
 
 def jump_count(system: AbstractFlatSystem) -> int:
@@ -177,10 +183,20 @@ def segment(motion: Motion, j) -> tuple[Mode, Int[Array, ""], Int[Array, ""]]:
     """Mode, first step and one past the last step of segment j, which lies between events j - 1 and j."""
     events = motion.events
     here, previous = jnp.minimum(j, events.steps.shape[0] - 1), jnp.maximum(j - 1, 0)
-    ended = j < events.count
-    mode = jax.tree.map(lambda rows, final: jnp.where(ended, rows[here], final), events.rows.mode, motion.mode)
     first = jnp.where(j > 0, events.steps[previous], 0)
-    return mode, first, jnp.where(ended, events.steps[here], motion.steps.count)
+    return segment_mode(motion, j), first, jnp.where(j < events.count, events.steps[here], motion.steps.count)
+
+
+def segment_mode(motion: Motion, j) -> Mode:
+    """Mode of segment j: that after event j - 1."""
+    after, previous = motion.events.rows.decision.mode, jnp.maximum(j - 1, 0)
+    return jax.tree.map(lambda rows, first: jnp.where(j > 0, rows[previous], first), after, motion.first_mode)
+
+
+def recorded_event(motion: Motion, j) -> Event:
+    """Event j, which ends segment j."""
+    row = jax.tree.map(lambda rows: rows[j], motion.events.rows)
+    return Event(row.states, row.guard, row.decision, segment_mode(motion, j))
 
 
 def segment_start(motion: Motion, j, t0) -> Float[Array, ""]:

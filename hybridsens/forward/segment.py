@@ -74,8 +74,8 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     guard = jnp.where(motion.begun, guard, -1)
     first_step = jnp.where(motion.begun, state.free_step, motion.first_step)  # to be found in the mode then chosen
     motion = Motion(
-        motion.begun, ts[0], ys[0], motion.mode, state.record, motion.events, motion.last_guard, motion.last_event_time,
-        motion.grazing | state.grazing, motion.unreported, state.rejected, first_step,
+        motion.begun, ts[0], ys[0], motion.mode, motion.first_mode, state.record, motion.events, motion.last_guard,
+        motion.last_event_time, motion.grazing | state.grazing, motion.unreported, state.rejected, first_step,
         _status(solution.result, state.finite),
     )  # fmt: skip
     event = at_once | landed

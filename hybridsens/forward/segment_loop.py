@@ -12,7 +12,7 @@ from ..flat_system import AbstractFlatSystem, Decision
 from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
 from ..status import Status
-from .record import Event, Motion, after_jump, is_jump
+from .record import EventRow, Motion, after_jump, is_jump
 from .segment import SegmentEnd, Stepper, solve_segment
 
 
@@ -90,13 +90,15 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     first_step = jnp.where(passes, jnp.minimum(motion.first_step, first_step_bound), motion.first_step)
     # The row is always written and counts only if `recorded`: a conditional would copy the whole buffer.
     states = EventStates(jnp.where(recorded, t, jnp.inf), before, after, done.emitted)
-    event = Event(states, jnp.where(recorded, end.guard, -1), done.decision, motion.mode)
+    event = EventRow(states, jnp.where(recorded, end.guard, -1), done.decision)
     events = events.append(recorded, event, motion.steps.count, first_step)
+    mode = jax.tree.map(lambda new, old: jnp.where(passes, new, old), done.decision.mode, motion.mode)
     return Motion(
         begun=jnp.array(True),
         t=t_after,
         x=after,
-        mode=jax.tree.map(lambda new, old: jnp.where(passes, new, old), done.decision.mode, motion.mode),
+        mode=mode,
+        first_mode=jax.tree.map(lambda first, new: jnp.where(motion.begun, first, new), motion.first_mode, mode),
         steps=motion.steps.jump(t_after, after),
         events=events,
         last_guard=jnp.where(passes, end.guard, motion.last_guard),
