@@ -1,5 +1,7 @@
 """Settings that JAX reads once, when it starts: made by one call, before anything runs. Nothing is set at import."""
 
+import contextlib
+import ctypes
 import os
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,12 @@ _KNOWN = (0, 10)
 """The version of JAX that these two are known of. The process ends where XLA is given a flag that it does not know."""
 
 
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+"""Numbers of two parameters of the C library's `mallopt`."""
+
+_KEPT = 2**27
+"""Bytes of free memory that stay with the process."""
+
 _made: dict[str, Any] = {}
 """The settings made that JAX reads once."""
 
@@ -46,7 +54,8 @@ def configure(
       user's own folder of caches ($XDG_CACHE_HOME, or ~/.cache). Default: leave it. The command line keeps them.
 
     It also makes a CPU run programs in the calling thread (waking another thread costs more than a short motion), and
-    keeps its compiler from writing out loops of more than four turns.
+    keeps its compiler from writing out loops of more than four turns. On Linux the process keeps up to 128 MB of free
+    memory: a motion with a record of megabytes takes half the time where these are not fetched anew at every call.
     The same call again does nothing, so that a notebook's cell can be run twice; `cache` may be changed at any time.
 
     Raises: RuntimeError if JAX has already started with other settings, since it reads them only then.
@@ -64,6 +73,7 @@ def configure(
             "first JAX array is made (imports are fine). Without it motions are in single precision, and slower."
         )
     _made.update(wanted)
+    _keep_memory()
     given = os.environ.get("XLA_FLAGS", "").split()
     known = jax.__version_info__[:2] == _KNOWN
     flags = [flag for flag in given if not flag.startswith(_BACKEND)]
@@ -96,3 +106,11 @@ def _has_started() -> bool:
     from jax._src import xla_bridge  # JAX has no public question for this
 
     return xla_bridge.backends_are_initialized()
+
+
+def _keep_memory() -> None:
+    """Free memory stays with the process, where the C library can be told so (not every one can)."""
+    with contextlib.suppress(OSError, AttributeError, TypeError):
+        mallopt = ctypes.CDLL(None).mallopt
+        for parameter in (_TRIM_THRESHOLD, _MMAP_THRESHOLD):
+            mallopt(parameter, _KEPT)
