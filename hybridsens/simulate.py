@@ -88,14 +88,16 @@ def simulate(
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
     - `max_step`: longest step [s]. Dips of a gap inside a step are searched for by bounds, however short; only a gap
       that is read from a table or made by a loop is sampled instead, at 16 places of a step or more: for such a one
-      give the time that its shortest dip lasts.
+      give the time that its shortest dip lasts. A force that depends on time may let a held contact go for less than a
+      step: give a fraction of the time in which such a force changes.
     - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of
       impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
       `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (one each in a batch). A motion that
-      broke off returns the state where it did, with the gradient of that state: one that could not begin has gradient
-      0, which an optimiser takes for a stationary point. "nan" makes value and gradient of such a motion nan instead.
+      broke off returns the state where it did, with the gradient of the state at that instant, held fixed: one that
+      could not begin has gradient 0, which an optimiser takes for a stationary point. "nan" makes value and gradient
+      of such a motion nan instead.
     - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.

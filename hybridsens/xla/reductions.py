@@ -33,8 +33,9 @@ ORDERS = {lax.argmax_p: operator.gt, lax.argmin_p: operator.lt}
 def short_reduction(equation: JaxprEqn):
     """The reduction of few numbers, written out; None for another equation."""
     name, given = equation.primitive, [variable.aval for variable in equation.invars]
+    result: Any = equation.outvars[0].aval if equation.outvars else None
     if name is lax.dot_general_p:
-        return _dot if _is_short_dot(given, equation.params) else None
+        return _dot if _is_short_dot(given, result, equation.params) else None
     if name not in PAIRS and name not in ORDERS:
         return None
     x: Any = given[0]
@@ -46,10 +47,11 @@ def short_reduction(equation: JaxprEqn):
     return lambda x: _first(ORDERS[name], _parts(x, axis), equation.params["index_dtype"])
 
 
-def _is_short_dot(given, parameters) -> bool:
-    """Whether it is that of two short vectors."""
+def _is_short_dot(given, result, parameters) -> bool:
+    """Whether it is that of two short vectors, added up in their own type."""
     (a, b), (contracted, _) = given, parameters["dimension_numbers"]
-    return a.ndim == b.ndim == 1 and contracted == ((0,), (0,)) and 0 < a.size <= FEW and a.dtype == b.dtype
+    short = a.ndim == b.ndim == 1 and contracted == ((0,), (0,)) and 0 < a.size <= FEW
+    return short and a.dtype == b.dtype == result.dtype
 
 
 def _dot(a, b):

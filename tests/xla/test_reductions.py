@@ -70,6 +70,8 @@ def test_its_derivative_is_the_same(name):
         lambda x: jnp.outer(x, x) @ x,
         lambda x: jnp.sum(x[:0]),
         lambda x: jnp.dot(x, x.astype(jnp.float32)),
+        lambda x: jnp.dot(x.astype(jnp.float32), x.astype(jnp.float32), preferred_element_type=jnp.float64),
+        lambda x: jnp.dot(x.astype(jnp.int8), x.astype(jnp.int8), preferred_element_type=jnp.int32),
     ],
 )
 def test_of_many_numbers_or_with_a_large_result_it_is_left_to_the_compiler(function):
