@@ -88,8 +88,7 @@ def simulate(
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
     - `max_step`: longest step [s]. Dips of a gap inside a step are searched for by bounds, however short; only a gap
       that is read from a table or made by a loop is sampled instead, at 16 places of a step or more: for such a one
-      give the time that its shortest dip lasts. A force that depends on time may let a held contact go for less than a
-      step: give a fraction of the time in which such a force changes.
+      give the time that its shortest dip lasts.
     - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of
       impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,

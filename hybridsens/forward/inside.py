@@ -7,8 +7,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import StepEnds
+from ..numerics.cubic import first_falling_root, hides_a_dip, tangents_meet_below
 from ..numerics.tolerances import closeness, rounding, time_resolution
-from .cubic import first_falling_root, hides_a_dip, tangents_meet_below
 from .guards import GuardsAtStart, are_known, first_to_fall
 
 MUCH = 1e3

@@ -21,6 +21,7 @@ from .corners import is_not_smooth
 from .decisions import ImpactDetail, Limits, decide_transition
 from .few import Among, among_one
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
+from .held import load_varies, search_held
 from .laws import transition_impulse
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene
@@ -101,17 +102,30 @@ class MechanicalSystem(AbstractFlatSystem):
         return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
 
     def searches(self, t, x):
-        """Whether a gap is curved: what is affine in (t, q) cannot dip unseen. Told from the trace of the gaps."""
+        """Whether a gap is curved (what is affine in (t, q) cannot dip unseen), or a load may let a held contact go."""
+        return self._has_curved_gaps(t, x) or self._load_varies(t, x)
+
+    def _has_curved_gaps(self, t, x) -> bool:
         return bool((gap_kinds(self.scene.gap, t, self.split(x)[0])[0] >= Kind.CURVED).any())
 
+    def _load_varies(self, t, x) -> bool:
+        q, v, _ = self.split(x)
+        return self.scene.sustained_contact and load_varies(self.scene, t, q, v)
+
     def search(self, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
-        """The gaps of open contacts, along the cubic through the ends of the step and within what it may be off."""
+        """The gaps of open contacts, along the cubic through the ends of the step and within what it may be off, and
+        the multipliers of held ones."""
         q0, v0, _ = self.split(step.x0)
         q1, v1, _ = self.split(step.x1)
         path = Path.through(step.t0, step.t1, q0, v0, q1, v1)
         speed = jnp.maximum(mode.speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
         doubt = path.doubt(self.split(step.error)[0], step.order) * path.h * speed
-        return search_gaps(self.scene.gap, path, step, tolerance + doubt, ~mode.held, wanted)
+        found = []
+        if self._has_curved_gaps(step.t0, step.x0):
+            found.append(search_gaps(self.scene.gap, path, step, tolerance + doubt, ~mode.held, wanted))
+        if self._load_varies(step.t0, step.x0):
+            found.append(search_held(self.scene, path, step, mode, tolerance, wanted))
+        return Searched(*(jnp.min(jnp.stack(values)) for values in zip(*found, strict=True)))
 
     def scales(self, t, x, mode: ContactMode):
         """|G|^T |q| and |G|^T |v|, the largest so far; a multiplier's scale is not known and counts as 0."""

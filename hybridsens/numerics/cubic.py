@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..numerics.tolerances import rounding
+from .tolerances import rounding
 
 UNSURE = 0.01
 """How far a guard's cubic may be from the guard itself, relative to the end values that it is made from."""
