@@ -55,7 +55,8 @@ def configure(
 
     It also makes a CPU run programs in the calling thread (waking another thread costs more than a short motion), and
     keeps its compiler from writing out loops of more than four turns. On Linux the process keeps up to 128 MB of free
-    memory: a motion with a record of megabytes takes half the time where these are not fetched anew at every call.
+    memory: a motion with a record of megabytes takes up to two fifths less time where these are not fetched anew at
+    every call.
     The same call again does nothing, so that a notebook's cell can be run twice; `cache` may be changed at any time.
 
     Raises: RuntimeError if JAX has already started with other settings, since it reads them only then.

@@ -66,6 +66,11 @@ class Searched(NamedTuple):
     reached: Float[Array, ""]
     """Up to where no guard is below zero."""
 
+    @classmethod
+    def first_of(cls, searches: "list[Searched]") -> "Searched":
+        """What several searches of one step, each for other guards, found together."""
+        return cls(*(jnp.min(jnp.stack(values)) for values in zip(*searches, strict=True)))
+
 
 class AbstractFlatSystem(eqx.Module):
     """x' = flow(t, x, mode) until a guard falls through 0; then x+ = reset(decision, t, x-).

@@ -120,7 +120,7 @@ class SwitchedSystem(AbstractFlatSystem):
             found.append(contacts.search(part(slice(0, n)), mode.contacts, tolerance[:n], wanted))
         if self._has_curved_switches(step.t0, step.x0):
             found.append(self._search_switches(part(slice(n, None)), mode, tolerance[n:], wanted))
-        return Searched(*(jnp.min(jnp.stack(values)) for values in zip(*found, strict=True)))
+        return Searched.first_of(found)
 
     def _search_switches(self, step: StepEnds, mode: SwitchedMode, tolerance, wanted) -> Searched:
         switches = lambda t, x: mode.watch.signed(self._switches(t, x, mode.own))

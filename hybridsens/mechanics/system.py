@@ -125,7 +125,7 @@ class MechanicalSystem(AbstractFlatSystem):
             found.append(search_gaps(self.scene.gap, path, step, tolerance + doubt, ~mode.held, wanted))
         if self._load_varies(step.t0, step.x0):
             found.append(search_held(self.scene, path, step, mode, tolerance, wanted))
-        return Searched(*(jnp.min(jnp.stack(values)) for values in zip(*found, strict=True)))
+        return Searched.first_of(found)
 
     def scales(self, t, x, mode: ContactMode):
         """|G|^T |q| and |G|^T |v|, the largest so far; a multiplier's scale is not known and counts as 0."""

@@ -22,7 +22,7 @@ def first_falling_root(
     c is the cubic with c(0) = g0 >= 0, c'(0) = d0, c(1) = g1, c'(1) = d1 (rates times the step), known up to
     `noise`. It is looked at inside as well as at its end: a guard that dips below zero and comes back within the step
     is found too. A minimum that stays above zero by less than the cubic can tell is returned as well: a step that ends
-    there decides. Most steps are let through by a glance: a cubic lies in the hull of its four Bezier points.
+    there decides. Nothing is solved for where no guard can fall: a cubic lies in the hull of its four Bezier points.
     """
     narrow = g1 < UNSURE * (jnp.abs(g0) + jnp.abs(d0) + jnp.abs(d1))
     below = (g0 + d0 / 3 < 0) | (g1 - d1 / 3 < 0) | narrow

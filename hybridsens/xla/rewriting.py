@@ -1,6 +1,6 @@
 """What XLA compiles badly on a CPU, replaced in a trace by what it compiles well."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -13,12 +13,12 @@ RULES = (sum_by_scatter, short_reduction)
 """Each returns a function to be called in the place of an equation of a trace, or None for an equation that stays."""
 
 
-def rewritten(function: Callable[..., Any], rules: Iterable[Callable] = RULES) -> Callable[..., Any]:
+def rewritten(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function` of PyTrees of arrays, with equations of its trace replaced by the rules."""
 
     def better(*arguments):
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
-        results = jaxpr_as_fun(_Rewriting(rules).of(traced))(*jax.tree.leaves(arguments))
+        results = jaxpr_as_fun(_Rewriting().of(traced))(*jax.tree.leaves(arguments))
         return jax.tree.unflatten(jax.tree.structure(shapes), results)
 
     return better
@@ -27,8 +27,7 @@ def rewritten(function: Callable[..., Any], rules: Iterable[Callable] = RULES) -
 class _Rewriting:
     """The same for a trace and those inside of it."""
 
-    def __init__(self, rules: Iterable[Callable]):
-        self.rules = rules
+    def __init__(self):
         self.done: dict[int, Any] = {}
         """An inner trace that comes again stays the same object, by which JAX compiles it once."""
 
@@ -44,7 +43,7 @@ class _Rewriting:
         return self.done[id(traced)]
 
     def of_equation(self, equation: JaxprEqn) -> JaxprEqn:
-        for rule in self.rules:
+        for rule in RULES:
             function = rule(equation)
             if function is not None:
                 return _calling(function, equation)
