@@ -11,16 +11,13 @@ results/gradient_cost.csv.
 
 import argparse
 import json
-import os
 import statistics
-import subprocess
-import sys
 import time
 
 import hybridsens as hs
 from tests.problems import references
 
-from .machine import describe, one_core
+from .machine import describe, one_core, under_default_settings
 from .peers import casadi_c, diffrax_chain, reference
 from .rows import show, write
 
@@ -64,7 +61,7 @@ def problem_row(problem: str) -> dict:
         "compile_s": compile_seconds, "gradient_error": error, "chain_us": plain * 1e6, "chain/ours": plain / gradient,
         "chain_compile_s": plain_compile,
     }  # fmt: skip
-    as_installed = chain_under_default_settings(problem)
+    as_installed = under_default_settings("gradient_cost", f"--chain-alone={problem}")
     row |= {"default_chain_us": as_installed * 1e6, "default_chain/ours": as_installed / gradient}
     if casadi_c.available() is None and problem != "P3":
         best = min(_casadi_seconds(problem, known.parameters, mode) for mode in ("adjoint", "forward"))
@@ -74,16 +71,8 @@ def problem_row(problem: str) -> dict:
     return row
 
 
-def chain_under_default_settings(problem: str) -> float:
-    """Seconds per gradient of the plain chain in a process where only double precision was asked for."""
-    asked = [sys.executable, "-m", "benchmarks.gradient_cost", f"--chain-alone={problem}"]
-    untouched = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}  # configure() has set them
-    run = subprocess.run(asked, capture_output=True, text=True, check=True, env=untouched)
-    return float(run.stdout.split()[-1])
-
-
 def chain_alone(problem: str) -> float:
-    """The same, in this process."""
+    """Seconds per gradient of the plain chain in a process where only double precision was asked for."""
     import jax
     import jax.numpy as jnp
 

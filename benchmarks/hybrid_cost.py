@@ -4,9 +4,10 @@
     python -m benchmarks.hybrid_cost --points 100
 
 Beside us stand numba code written by hand for each system, with forward sensitivities and saltation, and a scan of
-plain Diffrax solves that end at events. All at tolerance 1e-8, on one core, by turns; a time is the shortest of many
-calls, so compare ratios. Each row has the error of each gradient against numba's at tolerance 1e-13. Rows also go to
-results/hybrid_cost.csv.
+plain Diffrax solves that end at events. The scan is timed twice: under the settings of `hybridsens.configure()`, which
+help it too, and in a process of its own under JAX's own settings, as somebody without this package runs it. All at
+tolerance 1e-8, on one core, by turns; a time is the shortest of many calls, so compare ratios. Each row has the error
+of each gradient against numba's at tolerance 1e-13. Rows also go to results/hybrid_cost.csv.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from typing import NamedTuple
 
 import hybridsens as hs
 
-from .machine import describe, one_core
+from .machine import describe, one_core, under_default_settings
 from .peers import diffrax_systems, numba_hybrid, numba_systems
 from .rows import show, write
 
@@ -105,18 +106,19 @@ def single_row(name: str, case: Case) -> dict:
     for peer in ("numba", "chain"):
         row[f"{peer}/ours"] = taken[peer] / taken["ours"]
         row[f"{peer}/ours forward"] = taken[f"{peer}_forward"] / taken["ours_forward"]
+    row |= as_installed(name, 1, taken["ours"])
     row |= {f"{label}_error": error for label, error in errors.items()}
     return row | {f"{label}_compile_s": seconds for label, seconds in compile_seconds.items()}
 
 
 def batch_row(name: str, case: Case, points: int) -> dict:
-    """Gradients per second over many parameter points within 1 %."""
+    """Gradients per second over many parameter points."""
     import jax
     import numpy as np
     from jax.flatten_util import ravel_pytree
 
     p, unravel = ravel_pytree(case.system)
-    many = p * (1 + 0.01 * jax.random.uniform(jax.random.key(0), (points, p.size), minval=-1.0))
+    many = around(p, points)
     ours, chain = costs(case, unravel)
     _, batch = numba_hybrid.compiled(case.numba)
     values, rows = np.asarray(many), 1 + case.numba.parameters
@@ -134,8 +136,39 @@ def batch_row(name: str, case: Case, points: int) -> dict:
     row["gradient/forward"] = taken["ours"] / taken["ours_forward"]
     row |= {f"{peer}/ours": taken[peer] / taken["ours"] for peer in ("numba", "chain")}
     row["numba/ours forward"] = taken["numba_forward"] / taken["ours_forward"]
+    row |= as_installed(name, points, taken["ours"])
     apart = np.abs(found - expected).max(-1) / np.abs(expected).max(-1)
     return row | {"apart_median": float(np.median(apart)), "apart_worst": float(apart.max())}
+
+
+def around(p, points: int):
+    """Many parameter points within 1 % of p."""
+    import jax
+
+    return p * (1 + 0.01 * jax.random.uniform(jax.random.key(0), (points, p.size), minval=-1.0))
+
+
+def as_installed(name: str, points: int, ours: float) -> dict:
+    """The chain under JAX's own settings, beside the seconds that we take."""
+    asked = f"--only={name}", f"--points={points}"
+    seconds = under_default_settings("hybrid_cost", "--chain-alone", *asked)
+    each = "default_chain_us" if points == 1 else "default_chain_us_each"
+    return {each: seconds / points * 1e6, "default_chain/ours": seconds / ours}
+
+
+def chain_alone(name: str, points: int) -> float:
+    """Seconds of the chain's gradient, at so many points, in a process where only double precision was asked for."""
+    import jax
+    from jax.flatten_util import ravel_pytree
+
+    jax.config.update("jax_enable_x64", True)
+    case = cases()[name]
+    p, unravel = ravel_pytree(case.system)
+    gradient = jax.value_and_grad(costs(case, unravel)[1])
+    run, given = (jax.jit(gradient), p) if points == 1 else (jax.jit(jax.vmap(gradient)), around(p, points))
+    call = lambda: jax.block_until_ready(run(given))
+    call()
+    return shortest({"chain": call})["chain"]
 
 
 def main() -> None:
@@ -143,7 +176,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--points", type=int, default=1000)
     parser.add_argument("--only", choices=("thermostat", "neuron", "converter"))
+    parser.add_argument("--chain-alone", action="store_true", help="only the chain of --only, under JAX's own settings")
     arguments = parser.parse_args()
+    if arguments.chain_alone:
+        print(chain_alone(arguments.only, arguments.points))
+        return
     hs.configure()
     print(json.dumps(describe()))
     chosen = {name: case for name, case in cases().items() if arguments.only in (None, name)}

@@ -4,6 +4,7 @@ import contextlib
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Iterator
 from importlib.metadata import version
 
@@ -35,6 +36,15 @@ def one_core() -> Iterator[None]:
         yield
     finally:
         _put_threads_on(allowed)
+
+
+def under_default_settings(module: str, *arguments: str) -> float:
+    """The last number that `python -m benchmarks.<module> <arguments>` prints, in a process whose environment
+    `hybridsens.configure()` has not touched: JAX as it is installed."""
+    untouched = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}  # configure() has set them
+    asked = [sys.executable, "-m", f"benchmarks.{module}", *arguments]
+    run = subprocess.run(asked, capture_output=True, text=True, check=True, env=untouched)
+    return float(run.stdout.split()[-1])
 
 
 def _put_threads_on(cores: set[int]) -> None:

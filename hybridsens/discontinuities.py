@@ -1,7 +1,7 @@
 """A warning where functions of a scene or a system have kinks or jumps that no event tells of."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ class DiscontinuityWarning(UserWarning):
 
 REMEDIES = {
     "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the system.",
-    "guard": "For the first of several guards write one guard for each.",
+    "guards": "For the first of several guards write one guard for each.",
     "state": "For a jump in x write a guard that falls there, and a mode that its transition changes.",
 }
 
@@ -35,12 +35,15 @@ def warn_of_system(system: AbstractHybridSystem, cost_rate: Callable | None, giv
         found["running_cost"] = [b for b in of(cost_rate) if b.jump]
     found = that_matter(found, times_declared)
     moved = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
-    needed = {
-        "time": any("t" in inputs for inputs in moved.values()),
-        "guard": "guards" in found,
-        "state": any("x" in inputs for name, inputs in moved.items() if name != "guards"),
-    }
-    warn(found, [REMEDIES[name] for name in REMEDIES if needed[name]], "system")
+    warn(found, remedies_for(moved, REMEDIES), "system")
+
+
+def remedies_for(moved: Mapping[str, Iterable[str]], remedies: Mapping[str, str]) -> list[str]:
+    """Those that serve, given what moves the breaks of each function: the remedy for "time", that for the "state", and
+    those of a function by its name."""
+    of_others = [set(inputs) - {"t"} for name, inputs in moved.items() if name not in remedies]
+    needed = {"time": any("t" in inputs for inputs in moved.values()), "state": any(of_others)}
+    return [text for name, text in remedies.items() if needed.get(name, name in moved)]
 
 
 def listed_breaks(function: Callable, names, given) -> list[Break]:

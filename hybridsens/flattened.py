@@ -13,6 +13,7 @@ from .delays import overflowed
 from .flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .numerics.shapes import Shapes
+from .numerics.tolerances import jump_window
 from .search.stretches import gap_kinds, search_guards
 from .status import Status
 from .system import AbstractHybridSystem
@@ -155,7 +156,8 @@ class FlattenedSystem(AbstractFlatSystem):
         moved = shown.times != times  # to a time that has passed: then the event comes at once
         expected = (mode.expected & ~came) | (shown.times > t) | moved
         watched = WatchedMode(given, watch, expected)
-        at_once = mode.watch.fires_at_once(event) | jnp.any(came & (times < t))
+        # A time that falls together with a jump time has passed when the clock stands behind it: nothing has moved it.
+        at_once = mode.watch.fires_at_once(event) | jnp.any(came & (times < t - jump_window(t)))
         return _decision(watched, origin, shown, at_once, rises)
 
     def _transition(self, event, t, x, given):

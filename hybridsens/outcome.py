@@ -55,8 +55,7 @@ def nan_unless_reached(trajectory: Motion, given: Any) -> Motion:
     """The trajectory, with all that is real in it made nan where the motion did not reach its end, and its derivatives
     by all that is given too."""
     status = jax.tree.map(_without_tangent, cast(Any, trajectory).status)
-    reached = (status == Status.successful) | (status == Status.grazing)
-    nan = jnp.where(reached, 0, jnp.nan)
+    nan = jnp.where(status.reached_end, 0, jnp.nan)
     spoil = sum(_spoil(nan.astype(leaf.dtype), leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf))
     spoilt = lambda leaf: (1 + nan).astype(leaf.dtype) * leaf + spoil
     return jax.tree.map(lambda leaf: spoilt(leaf) if eqx.is_inexact_array(leaf) else leaf, trajectory)

@@ -177,8 +177,8 @@ def _follow_jvp(primals, tangents):
     forward = ForwardPass(problem.system, d_system, solver, _control(options.method, solver))
     motion, d = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
-    moved = lambda m: (m.x, m.steps.t, m.steps.x, m.events.states)
-    return batch_in_front(motion), eqx.tree_at(moved, nothing, (d.final, d.steps_t, d.steps_x, d.events))
+    moved = lambda m: (m.t, m.x, m.steps.t, m.steps.x, m.events.states)
+    return batch_in_front(motion), eqx.tree_at(moved, nothing, (d.end, d.final, d.steps_t, d.steps_x, d.events))
 
 
 def _flow_size(problem: Problem, options: Options) -> FlowSize:

@@ -136,12 +136,20 @@ def segment_room(adjoint: AbstractGradientMethod, ts) -> int | None:
     return adjoint.segment_room
 
 
+def _serves(solver) -> bool:
+    """Whether a solver has an error estimate, and takes the flow as one term: others split it into parts."""
+    return isinstance(solver, diffrax.AbstractAdaptiveSolver) and solver.term_structure is diffrax.AbstractTerm
+
+
 def check_settings(max_events, max_steps, solver, adjoint, throw):
     for name, value in (("max_events", max_events), ("max_steps", max_steps)):
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
             raise ValueError(f"`{name}` must be an integer >= 1, but is {value!r}.")
-    if solver is not None and not isinstance(solver, diffrax.AbstractAdaptiveSolver):
-        raise TypeError(f"`solver` must be a Diffrax solver with an error estimate, but is {type(solver).__name__}.")
+    if solver is not None and not _serves(solver):
+        raise TypeError(
+            "`solver` must be a Diffrax solver of ordinary differential equations with an error estimate, such as "
+            f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), but is {type(solver).__name__}."
+        )
     if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
         raise TypeError(
             f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {type(adjoint).__name__}."

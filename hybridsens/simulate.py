@@ -95,8 +95,8 @@ def simulate(
       `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (one each in a batch). A motion that
       broke off returns the state where it did, with the gradient of the state at that instant, held fixed: one that
-      could not begin has gradient 0, which an optimiser takes for a stationary point. "nan" makes value and gradient
-      of such a motion nan instead.
+      could not begin returns the initial state, whose gradient by the scene is 0, which an optimiser takes for a
+      stationary point. "nan" makes value and gradient of such a motion nan instead.
     - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.

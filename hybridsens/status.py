@@ -33,7 +33,10 @@ class Status(eqx.Module):
 
     successful = outcome("")
     running = outcome("the motion has not reached its end (this is a state inside the loop, not an outcome).")
-    max_events_reached = outcome("the motion had more events than `max_events`. Raise `max_events`.")
+    max_events_reached = outcome(
+        "the motion had more events than `max_events`. Raise `max_events`, unless the last ones came at one instant: "
+        "then each brings about the next, for ever."
+    )
     max_steps_reached = outcome(
         "the motion needed more steps than `max_steps`. Raise `max_steps`, loosen `rtol` and `atol`, or use an "
         "implicit solver if the flow is stiff."
@@ -91,6 +94,11 @@ class Status(eqx.Module):
         if not eqx.is_array_like(self.code):  # a tree of something else, such as shapes
             return "unknown"
         return str(np.vectorize(Status.messages().__getitem__)(self.code))
+
+    @property
+    def reached_end(self) -> Bool[Array, "*batch"]:
+        """Whether the motion is whole; one that grazed a guard is."""
+        return (self == Status.successful) | (self == Status.grazing)
 
     def __class_getitem__(cls, status: "Status") -> str:
         if not isinstance(status, Status):

@@ -76,7 +76,8 @@ class AbstractHybridSystem(eqx.Module):
         A step ends on each of them, and nothing is searched for. They are made from parameters, from the mode, and from
         parts of the state whose flow is 0 (the end of a delay that an earlier event has written there); gradients reach
         them on each of these ways. A time comes once, also where it is t0 or t1. Where an event moves it, it
-        comes again: at once if it has passed. Times before t0 never come. None, the default, or an empty array for
+        comes again: at once if it has passed. One that stays the same number has come: two ticks of a clock at one
+        instant are two entries, or one event. Times before t0 never come. None, the default, or an empty array for
         none."""
         del x, mode
         return None

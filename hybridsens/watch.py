@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .numerics.tolerances import closeness, time_resolution
+from .numerics.tolerances import closeness, jump_window, time_resolution
 
 Guards = Callable[[Array, Array, Any], Array]
 """(t, x, mode) -> guards of the system as the user wrote them."""
@@ -65,7 +65,10 @@ class Watch(eqx.Module):
         """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""
         above = seen.value >= -time_resolution(t, 1) * jnp.abs(seen.rate)
         armed = jnp.where(starts, above, self.armed)
-        return self._widened(armed, ~starts & armed & (seen.value < 0), seen)
+        # One that was falling by itself may have passed zero while the clock passed the jump time.
+        speed = jnp.maximum(self.speed, jnp.abs(seen.rate))
+        by_itself = (seen.rate < 0) & (seen.value >= -jump_window(t) * speed)
+        return self._widened(armed, ~starts & armed & (seen.value < 0) & ~by_itself, seen)
 
     def after(self, event: Int[Array, ""], before, same: Bool[Array, "guard"], seen: Seen) -> "Watch":
         """After an event (of a guard, or of any other number), given the guards just before it, which of them mean the

@@ -229,7 +229,7 @@ def test_what_cannot_be_known_is_told():
     assert outcome(echo(tau=jnp.array(2.0))) == hs.Status.queue_full
     assert outcome(echo()) == hs.Status.successful
     stands = hs.solve(Clock(jnp.array(-1.0)), 0.0, -1, t1=1.0, throw=False)
-    assert stands.status == hs.Status.event_repeats
+    assert stands.status == hs.Status.max_events_reached
     with pytest.raises(ValueError, match=r"`scheduled_times` must return an array of shape \(time,\)"):
         doses(Doses(DOSES.k, DOSES.amount, jnp.array(1.0)))
     with pytest.raises(ValueError, match="`places` must be an integer >= 1"):

@@ -1,5 +1,6 @@
 """What goes into `solve`: transformations of JAX, closures, and arguments that do not fit."""
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import pytest
@@ -70,3 +71,20 @@ def test_arguments_that_do_not_fit_are_told():
             hs.solve(*arguments, t1=1.0)
     with pytest.raises(ValueError, match="max_events"):
         hs.solve(system, x0, 0, t1=1.0, max_events=0)
+
+
+@pytest.mark.parametrize(
+    "solver", [diffrax.KenCarp4(), diffrax.Euler(), diffrax.HalfSolver(diffrax.SemiImplicitEuler())]
+)
+def test_a_solver_that_does_not_serve_is_refused(solver):
+    """It splits the flow into parts, or has no estimate of its error."""
+    with pytest.raises(TypeError, match="`solver` must be a Diffrax solver of ordinary differential equations"):
+        hs.solve(Oscillator(jnp.array(1.0)), jnp.array([1.0, 0.0]), 0, t1=1.0, solver=solver)
+
+
+@pytest.mark.parametrize("inner", [diffrax.Bosh3(), pytest.param(diffrax.Kvaerno3(), marks=pytest.mark.slow)])
+def test_a_solver_around_another_serves(inner):
+    """Its error estimate is that of two half steps."""
+    solver = diffrax.HalfSolver(inner)
+    final = lambda g: hs.solve(Ball(g, 0.8), jnp.array([1.0, 0.0]), t1=0.3, solver=solver, rtol=1e-6).final[0]
+    assert_close(jax.value_and_grad(final)(9.81), (1 - 9.81 * 0.045, -0.045), 1e-9)

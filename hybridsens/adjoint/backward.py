@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..forward.record import Event, Motion, recorded_event, segment, segment_end
+from ..forward.record import Event, Motion, recorded_event, segment, segment_end, where_reached
 from ..observables import filled
 from ..xla.packed import pack
 from .control import FORESEEN
@@ -79,7 +79,7 @@ def pull_back(
     total, psi, of_t0 = _through_start(backward, motion, initial, carried, by_t0)
     of_t1 = jnp.zeros_like(t1)
     if by_t1:
-        of_t1 = backward.cotangent.final @ system.flow(t1, motion.x, motion.mode)
+        of_t1 = where_reached(motion, backward.cotangent.final @ system.flow(t1, motion.x, motion.mode))
     return Gradient(total, psi, of_t0, of_t1)
 
 
@@ -88,14 +88,16 @@ def _zeros(tree: Any):
 
 
 def _costate_at_end(backward: BackwardPass, motion: Motion) -> Costate:
-    """psi = J_x of the final state, and of the samples that are it; nothing gathered yet.
+    """psi = J_x of the final state; nothing gathered yet.
 
-    An event at the very end leaves no step after it, so that no step back would meet these."""
+    Samples that are the final state are met by the first step back, as all others are. An event at the very end leaves
+    no step after it: there they are added here."""
     psi, data = backward.cotangent.final, jnp.array(0)
     if backward.ts is not None and backward.cotangent.samples is not None:
-        at_end = (backward.ts == motion.t)[:, None]
-        psi = psi + jnp.sum(jnp.where(at_end, backward.cotangent.samples, 0), axis=0)
-        data = jnp.sum(backward.ts < motion.t)
+        _, first, last = segment(motion, motion.events.count)
+        at_end = (first == last) & (backward.ts == motion.t)
+        psi = psi + jnp.sum(jnp.where(at_end[:, None], backward.cotangent.samples, 0), axis=0)
+        data = jnp.sum((backward.ts <= motion.t) & ~at_end)
     zero, zero_time = _zeros(backward.step_parameters), jnp.zeros_like(motion.t)
     return Costate(
         psi=psi, by_dt=zero_time, total=zero, gathered=zero, worst=zero, peak=zero_time,
@@ -125,7 +127,7 @@ def _through_start(backward: BackwardPass, motion: Motion, initial, carried: Car
     (t0, x0), (mode, _, _), system = initial, segment(motion, 0), backward.system
     total, psi, of_t0 = *carried, jnp.zeros_like(t0)
     if by_t0:
-        of_t0 = -psi @ system.flow(t0, motion.steps.x[0], mode)
+        of_t0 = jnp.where(motion.t > t0, -psi @ system.flow(t0, motion.steps.x[0], mode), 0)  # 0 if it never began
     if system.projects(mode):
         begin = lambda system, t, x: system.project(t, x, mode)
         by_projection, by_t, psi = eqx.filter_vjp(begin, system, t0, x0)[1](psi)

@@ -15,7 +15,17 @@ from jaxtyping import Array, Float, Int
 
 from ..flat_system import AbstractFlatSystem
 from ..forward.explicit import by_mode
-from ..forward.record import Motion, StepRecord, after_jump, is_jump, recorded_event, segment, segment_end, write
+from ..forward.record import (
+    Motion,
+    StepRecord,
+    after_jump,
+    is_jump,
+    recorded_event,
+    segment,
+    segment_end,
+    where_reached,
+    write,
+)
 from ..forward.solver import step_with_error
 from ..forward.tangent import push
 from ..numerics.tolerances import time_resolution
@@ -27,6 +37,8 @@ from .jump import push_jump_forward
 class MotionTangent(NamedTuple):
     """Tangents of what a motion records, each at its own moving time."""
 
+    end: Float[Array, ""]
+    """Of the time at which it ends."""
     final: Float[Array, "state"]
     events: EventStates
     steps_t: Float[Array, "step"]
@@ -74,10 +86,11 @@ def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> t
     mode, _, _ = segment(motion, 0)
     begin = lambda system, t, x: system.project(t, x, mode)
     x0, dx0 = eqx.filter_jvp(begin, (system, t0, x0), (d_system, dt0, dx0))
-    dx = dx0 - system.flow(t0, x0, mode) * dt0
+    dx = dx0 - jnp.where(motion.t > t0, system.flow(t0, x0, mode) * dt0, 0)
+    dt1 = where_reached(motion, dt1)
     zeros = lambda tree: jax.tree.map(jnp.zeros_like, tree)
     tangent = MotionTangent(
-        zeros(motion.x), zeros(events.states), zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0)
+        dt1, zeros(motion.x), zeros(events.states), zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0)
     )
     taken = StepRecord(jnp.full_like(steps.t, jnp.inf).at[0].set(steps.t[0]), zeros(steps.x).at[0].set(steps.x[0]),
                        jnp.array(0))  # fmt: skip
@@ -167,7 +180,7 @@ def _through_event(forward: ForwardPass, motion: Motion, j, moves, taken: StepRe
     t = jnp.where(is_event & is_jump(event.guard), after_jump(event.states.time), taken.t[last])
     taken = taken.jump(t, jnp.where(is_event, event.states.after, taken.x[last]))
     tangent = MotionTangent(
-        tangent.final, jax.tree.map(put, tangent.events, d.reported),
+        tangent.end, tangent.final, jax.tree.map(put, tangent.events, d.reported),
         write(tangent.steps_t, d.reported.time, last), write(tangent.steps_x, d.reported.after, last),
     )  # fmt: skip
     return jnp.where(is_event, d.state, dx), d.reported.time, taken, tangent

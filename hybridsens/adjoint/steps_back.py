@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import AbstractFlatSystem
 from ..forward.solver import one_step
@@ -87,9 +87,9 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
     def body(carry):
         place, costate = carry
         start = record.t[place.k]
-        left = _left_end(backward, start, place, costate.data)
-        reaches_start, h = left == start, place.right - left
-        x0 = _state_inside(backward, steps.mode, start, left, record.x[place.k])
+        left, is_data = _left_end(backward, start, place, costate.data)
+        reaches_start, h = (left == start) & ~is_data, place.right - left
+        x0 = _state_at(backward, steps.mode, reaches_start, start, left, record.x[place.k])
         go = lambda: _carry_back(backward, steps.mode, left, place.right, x0, costate.psi)
         step = computed_once(costate.tries >= 0, go)  # always true, which XLA cannot foresee
         gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, step.total)
@@ -98,7 +98,7 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
         finest = h <= time_resolution(place.right, 2)  # cannot be cut: two data times may coincide
         accepted = accepted | finest
         total = jax.tree.map(jnp.add, costate.total, step.total)
-        psi, data = _add_data(backward, left, step.psi, costate.data)
+        psi, data = _add_data(backward, is_data, step.psi, costate.data)
         worst = costate.worst
         peak = jnp.maximum(costate.peak, size)
         if step.total_error is not None:
@@ -124,11 +124,10 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
     return lax.while_loop(goes_on, body, (place, costate))[1]
 
 
-def _state_inside(backward: BackwardPass, mode, start, t, x):
-    """The state at t inside of a recorded step, by a step from its start, where the state is x: the motion is resolved,
-    so any shorter step follows it."""
-    shorter = lambda: one_step(backward.solver, backward.system, mode, start, t, x)
-    return lax.cond(t > start, shorter, lambda: x)
+def _state_at(backward: BackwardPass, mode, is_start, start, t, x):
+    """The state at t, which is the start of a recorded step, where the state is x, or lies inside of it: by a step from
+    its start. The motion is resolved, so any shorter step follows it."""
+    return lax.cond(is_start, lambda: x, lambda: one_step(backward.solver, backward.system, mode, start, t, x))
 
 
 def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
@@ -140,24 +139,27 @@ def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
     return done._replace(total=pack(done.total), total_error=error)
 
 
-def _left_end(backward: BackwardPass, start, place: Place, data):
-    """Where the step back ends: at the recorded step's start, at a data time, or as far as it may go. Parts are shorter
-    than `width`, because the error estimate exaggerates the error of short steps."""
+def _left_end(backward: BackwardPass, start, place: Place, data) -> tuple[Array, Bool[Array, ""]]:
+    """Where the step back ends, and whether that is a data time: there, at the recorded step's start, or as far as it
+    may go. Parts are shorter than `width`, because the error estimate exaggerates the error of short steps.
+
+    A data time at which a step starts or ends takes a step of no length, and one that is given twice takes two: in a
+    second derivative the data time moves, and the steps do not."""
     cut = backward.control.cut(place.width)
     left = jnp.where(place.right - start <= place.width, start, place.right - cut)
     if backward.ts is None:
-        return left
-    next_data = jnp.where(data > 0, backward.ts[jnp.maximum(data - 1, 0)], -jnp.inf)
-    return jnp.minimum(jnp.maximum(left, next_data), place.right)
+        return left, jnp.array(False)
+    data_time = jnp.where(data > 0, backward.ts[jnp.maximum(data - 1, 0)], -jnp.inf)
+    is_data = data_time >= left
+    data_time = data_time - lax.stop_gradient(jnp.maximum(data_time - place.right, 0))  # at a jump time: before it
+    return jnp.where(is_data, data_time, left), is_data
 
 
-def _add_data(backward: BackwardPass, t, psi, data):
+def _add_data(backward: BackwardPass, here, psi, data):
     """psi- = psi+ + c_x at a data time."""
-    if backward.ts is None or backward.cotangent.samples is None:
+    if backward.cotangent.samples is None:
         return psi, data
-    row = jnp.maximum(data - 1, 0)
-    here = (data > 0) & (backward.ts[row] >= t)
-    return psi + jnp.where(here, backward.cotangent.samples[row], 0), data - here
+    return psi + jnp.where(here, backward.cotangent.samples[jnp.maximum(data - 1, 0)], 0), data - here
 
 
 def _judge(backward: BackwardPass, x, costate: Costate, step: StepBack, h, width):

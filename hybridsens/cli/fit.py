@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from .as_json import Json, print_json
-from .models import HELP, complete, model
+from .models import HELP, complete, startable
 
 
 def fit(
@@ -44,7 +44,7 @@ def fit(
     record = read_measurements(data, columns=names or None, sigma=sigma,
                                missing="skip" if skip_missing else "raise")  # fmt: skip
     result = run_fit(
-        _with_guess(model(scene), guess or []), record, parameters=_split(parameters),
+        _with_guess(startable(scene), guess or []), record, parameters=_split(parameters),
         bounds=dict(_bound(text) for text in bound or []), optimizer=optimizer, robust=robust, starts=starts,
         strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations,
         progress=not (quiet or json), store=store,

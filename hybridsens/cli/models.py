@@ -29,6 +29,9 @@ def model(name: str) -> Any:
     if name in READY_MADE:
         return READY_MADE[name]()
     file, _, class_name = name.rpartition(":")
+    if not file and Path(name).is_file():
+        own = ", ".join(_own(_load(Path(name)))) or "no scene and no system"
+        raise typer.BadParameter(f"{name} must be followed by the name of a class, {name}:Class; it has {own}")
     if not file:
         raise typer.BadParameter(
             f"there is no scene {name!r}; choose {', '.join(READY_MADE)} or path/to/file.py:Class."
@@ -48,6 +51,16 @@ def file_name(name: str) -> str:
     return name.rpartition(":")[2]
 
 
+def startable(name: str) -> Any:
+    """A model that says by itself where it starts."""
+    found = model(name)
+    if not hasattr(found, "initial_state"):
+        raise typer.BadParameter(
+            f"{name} must have a method `initial_state(self)`, which says where its motion begins, but has none"
+        )
+    return found
+
+
 def runnable(name: str) -> Any:
     """A model that says by itself where it starts, how long it runs and what it costs."""
     found = model(name)
@@ -62,15 +75,24 @@ def runnable(name: str) -> Any:
 
 def _class(file: str, name: str) -> Any:
     module = _load(Path(file))
-    kinds = (AbstractScene, AbstractHybridSystem)
-    models = {key: value for key, value in vars(module).items() if inspect.isclass(value) and issubclass(value, kinds)}
+    models, own = _models(module), _own(module)
     if name not in models:
-        own = [key for key, value in models.items() if value.__module__ == module.__name__]
         raise typer.BadParameter(
             f"{file} must have a hybridsens.AbstractScene or AbstractHybridSystem {name!r}, but has "
             f"{', '.join(own) or 'none at all'}.{did_you_mean(name, own)}"
         )
     return models[name]
+
+
+def _models(module: Any) -> dict[str, type]:
+    """Scenes and systems by name."""
+    kinds = (AbstractScene, AbstractHybridSystem)
+    return {key: value for key, value in vars(module).items() if inspect.isclass(value) and issubclass(value, kinds)}
+
+
+def _own(module: Any) -> list[str]:
+    """Those that the file itself defines."""
+    return [key for key, value in _models(module).items() if value.__module__ == module.__name__]
 
 
 def _load(path: Path) -> Any:

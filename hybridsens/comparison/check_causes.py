@@ -5,12 +5,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..discontinuities import REMEDIES as OF_SYSTEMS
+from ..discontinuities import remedies_for
 from ..mechanics.discontinuities import REMEDIES
+from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Events
 from ..status import Status
 from .check_events import EventCheck
 from .check_grazing import grazes
-from .check_motions import BreakFound, Call
+from .check_motions import Call
 
 NEAR = 1e-6
 """An event this part of the horizon away from a time asked for happens at that time."""
@@ -102,27 +105,30 @@ def _of_motion(doubts: Doubts, number: int, call: Call, settings) -> list[Cause]
     here = doubts._replace(events=tuple(entry for entry in doubts.events if entry.motion == number))
     if not any(here):
         return []
-    found = [_discontinuity(here, call.breaks), _at_data_time(here, number, call)]
+    found = [_discontinuity(here, call), _at_data_time(here, number, call)]
     if isinstance(call.events, Events):  # of contacts more is known
         found += [_simultaneous(here, number, call), _grazing(here, number, call, settings)]
     return [cause for cause in found if cause is not None]
 
 
-def _discontinuity(doubts: Doubts, breaks: Sequence[BreakFound]) -> Cause | None:
-    if not breaks:
+def _discontinuity(doubts: Doubts, call: Call) -> Cause | None:
+    if not call.breaks:
         return None
-    names = {b.function: [] for b in breaks}
-    for b in breaks:
+    names = {b.function: [] for b in call.breaks}
+    for b in call.breaks:
         names[b.function].append(f"{b.operation} of {' and '.join(b.inputs)}")
     told = "; ".join(f"`{name}` has {', '.join(those)}" for name, those in names.items())
-    needed = {
-        "time": any("t" in b.inputs for b in breaks),
-        "gap": "gap" in names,
-        "state": any(set(b.inputs) - {"t"} and b.function != "gap" for b in breaks),
-    }
-    remedy = " ".join(text for key, text in REMEDIES.items() if needed[key]).rstrip(".")
     reason = f"a kink or a jump that no event or declared time tells of: {told}"
+    remedy = _remedy(call).rstrip(".")
     return doubts.cause("discontinuity", reason, remedy[0].lower() + remedy[1:], doubts.events)
+
+
+def _remedy(call: Call) -> str:
+    """What to do about the breaks of a motion."""
+    moved = {b.function: "" for b in call.breaks}
+    for b in call.breaks:
+        moved[b.function] += b.inputs
+    return " ".join(remedies_for(moved, REMEDIES if isinstance(call.scene, AbstractScene) else OF_SYSTEMS))
 
 
 def _simultaneous(doubts: Doubts, number: int, call: Call) -> Cause | None:

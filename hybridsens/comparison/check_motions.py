@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..discontinuities import listed_breaks, that_matter
+from ..interval.breaks import Break
 from ..mechanics.discontinuities import scene_breaks
 from ..mechanics.scene import AbstractScene
 from ..mechanics.switches import in_mode
@@ -19,12 +21,12 @@ from .move import move
 
 
 class BreakFound(NamedTuple):
-    """A kink or a jump that a function of the scene has, and no event or declared time tells of."""
+    """A kink or a jump that a function of the scene or system has, and no event or declared time tells of."""
 
     function: str
     operation: str
     inputs: str
-    """Which of t, q, v its place depends on, as in "tq"."""
+    """Which of t, q, v or t, x its place depends on, as in "tq"."""
     jump: bool
 
 
@@ -87,16 +89,25 @@ def _which(call: Call) -> tuple:
     return (events.kind, events.contact) if isinstance(events, Events) else (events.guard,)
 
 
-def _undeclared_breaks(scene, state, mode, t0, jump_ts, running_cost) -> tuple[BreakFound, ...]:
-    if not isinstance(scene, AbstractScene):
-        return ()
-    declared = jump_ts is not None or hasattr(scene, "jump_times")
-    scene, running_cost = in_mode(scene, running_cost, *(mode or (None,)))
-    found = scene_breaks(scene, t0, state.q, state.v, running_cost)
-    listed = {
-        BreakFound(name, b.operation, "".join(i for i in "tqv" if i in b.inputs), b.jump)
-        for name, those in found.items()
-        for b in those
-        if not (declared and b.inputs == {"t"})
-    }
-    return tuple(sorted(listed))
+def _undeclared_breaks(model, state, mode, t0, jump_ts, running_cost) -> tuple[BreakFound, ...]:
+    """Kinks and jumps of a scene or a system, without those in t alone where their times are declared."""
+    declared = jump_ts is not None or getattr(model, "jump_times", lambda: None)() is not None
+    if isinstance(model, AbstractScene):
+        scene, running_cost = in_mode(model, running_cost, *(mode or (None,)))
+        found = scene_breaks(scene, t0, state.q, state.v, running_cost)
+    else:
+        found = _system_breaks(model, (t0, state, *(mode or (None,))), running_cost)
+    return tuple(sorted(_break_found(name, b) for name, those in that_matter(found, declared).items() for b in those))
+
+
+def _system_breaks(system, given, running_cost) -> dict[str, list[Break]]:
+    """Of each function of a hybrid system by its name; of a running cost jumps alone count."""
+    of = lambda function: listed_breaks(function, ("t", "x", None), given)
+    found = {"flow": of(system.flow), "guards": of(system.guards)}
+    if running_cost is not None:
+        found["running_cost"] = [b for b in of(lambda *instant: running_cost(system, *instant)) if b.jump]
+    return found
+
+
+def _break_found(function: str, b: Break) -> BreakFound:
+    return BreakFound(function, b.operation, "".join(name for name in "tqvx" if name in b.inputs), b.jump)

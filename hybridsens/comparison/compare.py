@@ -18,7 +18,7 @@ from .compare_table import Reference as Reference
 from .compare_table import Row as Row
 from .differentiate import value_and_gradient
 from .failure import reason
-from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end
+from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end, told_of_the_cost
 from .gradient_methods import (
     DEFAULT_ADJOINTS,
     GradientMethod,
@@ -50,8 +50,8 @@ def compare(
     - `scene`: a scene or a hybrid system; the parameters are its floating point leaves. Any PyTree will do if the cost
       can make a scene of it.
     - `cost`: `cost(scene, simulate)`, or `cost(system, solve)`, a scalar. It must move its scene by the function that
-      it is given, without settings of its own: each method puts its own in that place. Default: the running cost of a
-      ready-made scene.
+      it is given, outside of `jax.jit` and `jax.vmap` and without settings of its own: each method puts its own in
+      that place. Default: the running cost of a ready-made scene.
     - `tolerance`: rtol and atol of all methods with error control. `steps`: of those with a fixed step.
     - `adjoints`: which gradient methods of `hybridsens.simulate` to show. A `ContinuousCostate()` is integrated at
       `tolerance` too.
@@ -93,7 +93,8 @@ def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[st
     tight = dict(rtol=tolerance, atol=tolerance, solver=settings.get("solver") or diffrax.Dopri8())
     method = from_adjoint(Replay(), **{**settings, **tight})
     run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
-    value, gradient, reported = run(parameters.vector)
+    with told_of_the_cost():
+        value, gradient, reported = run(parameters.vector)
     raise_unless_reached_end(reported)
     count = max((int(count) for count in reported.count), default=None)
     return Reference(float(value), np.asarray(gradient, float), count)
@@ -102,7 +103,8 @@ def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[st
 def measure_method(method: GradientMethod, parameters: FlatParameters, cost: Cost, reference: Reference) -> Row:
     """One row: run, compare, time. Any failure of the method becomes its row's `failure`."""
     try:
-        return _measure(method, parameters, cost, reference)
+        with told_of_the_cost():
+            return _measure(method, parameters, cost, reference)
     except Exception as error:  # a method that fails must not stop the table
         return Row(method.name, failure=reason(error))
 

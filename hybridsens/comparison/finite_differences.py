@@ -56,3 +56,21 @@ def best_finite_differences(function: Callable, vector, scale: Float[np.ndarray,
     return FiniteDifferences(
         np.where(decided, found[best + 1, entries], np.nan), np.where(decided, change[best, entries], np.nan)
     )
+
+
+def slopes_nearby(function: Callable, vector, scale: Float[np.ndarray, "parameter"]) -> Float[np.ndarray, "parameter"]:
+    """min |f(p +- h e_i) - f(p)| / h over the widest difference: slopes that f has nearby, also where it has none at p.
+
+    The lesser of both sides, so that a jump on one of them counts for nothing; 0 where `function` is nan on both.
+    """
+    vector = np.asarray(vector)
+    middle = function(vector)
+    change = lambda step: abs(function(vector + step) - middle)
+    changes = [np.fmin(change(step), change(-step)) for step in WIDTHS[0] * np.diag(scale)]
+    return np.nan_to_num(np.array(changes)) / (WIDTHS[0] * scale)
+
+
+def rounding_of_slopes(value: float, scale: Float[np.ndarray, "parameter"], dtype) -> Float[np.ndarray, "parameter"]:
+    """What the rounding of f, half a unit at each of its points, may add to a difference of the smallest width."""
+    weights = sum(abs(weight) for weight in _FORWARD.values())
+    return 0.5 * weights * float(np.finfo(dtype).eps) * abs(value) / (WIDTHS[-1] * scale)

@@ -1,7 +1,8 @@
 """The functional whose gradient is studied, as a function of one vector, with what its motions report."""
 
+import contextlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -14,10 +15,12 @@ from ..mechanics.trajectory import Trajectory
 from ..outcome import SimulationError
 from ..parameters import FlatParameters
 from ..scenes import ShippedScene
+from ..settings import Settings
 from ..solution import Solution
 from ..status import Status
 from ..systems import ShippedSystem
 from ..validation.asked import kind_of
+from ..validation.direction import FORWARD_ONLY, REVERSE_ONLY
 
 Cost = Callable[..., Any]
 """cost(scene, simulate) -> scalar, or cost(system, solve). The second argument stands for `hybridsens.simulate` or
@@ -81,13 +84,14 @@ def _must_take_both(scene, cost: Cost) -> None:
 def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Callable:
     """vector -> (J, Reported). Motions are asked not to raise by themselves; see `raise_unless_reached_end`.
 
-    Raises: TypeError when traced if the cost is not a real scalar.
+    Raises: TypeError when traced if the cost is not a real scalar, or has settings of its own.
     """
 
     def value(vector: Float[Array, "parameter"]):
         motions = []
 
         def recording(*arguments, **settings):
+            _must_leave_settings(settings)
             motions.append(simulate(*arguments, **settings))
             return motions[-1]
 
@@ -96,6 +100,34 @@ def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Ca
         return J, Reported(tuple(m.status for m in known), tuple(m.events.count for m in known))
 
     return value
+
+
+def _must_leave_settings(given: Mapping[str, Any]) -> None:
+    own = [name for name in given if name in (*Settings.__annotations__, "adjoint", "throw")]
+    if own:
+        raise TypeError(
+            f"`cost` must leave the settings to the function that it is given, but gives it {', '.join(own)}. Leave "
+            "them out of the cost, and give settings to the study, as in check_gradient(scene, cost, rtol=1e-10)."
+        )
+
+
+@contextlib.contextmanager
+def told_of_the_cost() -> Iterator[None]:
+    """Errors that a cost brings about, in words about the cost: JAX and `solve` speak of what they see of it."""
+    try:
+        yield
+    except jax.errors.UnexpectedTracerError as error:
+        raise TypeError(
+            "`cost` must call the function that it is given outside of jax.jit, jax.vmap and the loops of JAX, since "
+            "each motion is looked at by itself, but calls it inside of one: write a Python loop, which is compiled."
+        ) from error
+    except TypeError as error:
+        if str(error) not in (REVERSE_ONLY, FORWARD_ONLY):
+            raise
+        raise TypeError(
+            "`cost` must move its scene by the function that it is given, cost(scene, simulate), in whose place each "
+            "method puts its own, but it calls hybridsens.simulate or hybridsens.solve itself: use the one it is given."
+        ) from error
 
 
 def _real_scalar(J: Any) -> Float[Array, ""]:
@@ -113,7 +145,7 @@ def _real_scalar(J: Any) -> Float[Array, ""]:
 
 def reached_end(status: Status) -> bool:
     """Whether a motion is whole. One that grazed a contact is: what that costs the gradient, a study measures."""
-    return bool((status == Status.successful) | (status == Status.grazing))
+    return bool(status.reached_end)
 
 
 def all_reached_end(reported: Reported) -> bool:

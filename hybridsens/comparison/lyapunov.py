@@ -12,6 +12,7 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 from ..system import AbstractHybridSystem
+from ..system_checks import state_as_arrays
 from .move import move
 
 
@@ -44,12 +45,13 @@ def lyapunov(
     horizon. The units of the entries are mixed in the singular value, so compare growths of one scene.
 
     Arguments: a scene and its `State`, or a hybrid system and its x0; the mode of a system or of a scene with
-    switches; the `settings` of `simulate` or `solve`
-    but `adjoint` and `running_cost`. Raises what these raise.
+    switches; the `settings` of `simulate` or `solve` but `adjoint` and `running_cost`. Raises what these raise.
     """
     refused = {"adjoint", "running_cost"} & settings.keys()
     if refused:
         raise TypeError(f"`lyapunov` must be called without {sorted(refused)}.")
+    if isinstance(scene, AbstractHybridSystem):
+        state, _ = state_as_arrays(state)  # numbers may be integers, which have no derivative
     start, unravel = ravel_pytree(state)
 
     def final(x):

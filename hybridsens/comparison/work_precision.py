@@ -21,7 +21,7 @@ from .failure import reason
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
 from .gradient_methods import adjoint_name, from_adjoint
 from .timing import first_call, seconds_per_call
-from .work_precision_file import check_ending, read_points, write_points
+from .work_precision_file import check_place, read_points, write_points
 from .work_precision_points import Point as Point
 from .work_precision_points import WorkPrecision as WorkPrecision
 
@@ -64,7 +64,7 @@ def work_precision(
     - `solvers`, `tolerances` (rtol = atol), `methods` (as for `adjoint=`), `dtypes` ("float64",
       "float32"): what is combined. A `ContinuousCostate()` is integrated at the tolerance of the motion.
     - `store`: a .csv file that each point is in as soon as it is finished. If it is there already, the
-      study goes on from its points, which are not measured again.
+      study goes on from its points, which are not measured again. It must be of the same J and settings.
     - `progress`: show a bar. Ctrl-C ends the run and keeps the points that are finished.
     - `settings`: see `Settings`, but for those that are varied; 256 events and 65536 steps by default.
 
@@ -78,12 +78,12 @@ def work_precision(
         raise ValueError(f'`dtypes` must have entries among "float64" and "float32", but has {sorted(unknown)}.')
     path = None if store is None else Path(store)
     if path is not None:
-        check_ending(path)
+        check_place(path)
     own = dict(max_events=256, max_steps=65536)
     chosen = chosen_settings("work_precision", settings, own, varied=("solver", "rtol", "atol"))
     cost = choose_cost(scene, cost)
     reference = reference or tight_reference(flatten_parameters(scene), cost, chosen)
-    points = [] if path is None else list(read_points(path, reference.value))
+    points = [] if path is None else list(read_points(path, reference.value, chosen))
     combinations = itertools.product(dtypes, solvers, methods)
     lines = _missing([Line(*combined, tuple(tolerances)) for combined in combinations], points)
     measure = lambda line: measure_line(scene, cost, line, reference, chosen)
@@ -91,7 +91,7 @@ def work_precision(
         for point in _with_progress(lines, measure, progress):
             points.append(point)
             if path is not None:
-                write_points(path, points, reference.value)
+                write_points(path, points, reference.value, chosen)
     except KeyboardInterrupt:
         return WorkPrecision(tuple(points), interrupted=True)
     return WorkPrecision(tuple(points))

@@ -17,7 +17,8 @@ class Measurements(eqx.Module):
     values: np.ndarray
     """(sample, observation) what was measured; NaN where nothing was."""
     sigmas: np.ndarray | None
-    """(sample, observation) standard deviations; None: equal and unknown, to be estimated from the fit."""
+    """(sample, observation) standard deviations; None: equal and unknown, to be estimated from the fit, where no event
+    times are weighed against them."""
     names: tuple[str, ...]
     """One for each observation."""
     event_times: np.ndarray
@@ -26,6 +27,27 @@ class Measurements(eqx.Module):
     """(event,) standard deviations of those times [s]."""
     event_contacts: np.ndarray
     """(event,) which contact closed; -1 where that is not known."""
+
+    @property
+    def any_values(self) -> bool:
+        """Whether a value was measured, and not event times alone."""
+        return bool(np.any(np.isfinite(self.values)))
+
+    @property
+    def any_events(self) -> bool:
+        """Whether the time of an event was measured."""
+        return bool(np.any(np.isfinite(self.event_times)))
+
+    @property
+    def sigmas_known(self) -> bool:
+        """Whether the sigmas of all that was measured are known; those of event times always are."""
+        return self.sigmas is not None or not self.any_values
+
+    @property
+    def spread(self) -> float:
+        """The largest standard deviation of a column of values; 0 where there is none."""
+        columns = [column[np.isfinite(column)] for column in self.values.T]
+        return max((float(np.std(column)) for column in columns if column.size), default=0.0)
 
     def between(self, start: float, end: float) -> "Measurements":
         """The part with start <= t < end, to fit one part of a record and predict another. Events before it stay as not
@@ -59,7 +81,8 @@ def measurements(
 
     - `times`: (sample,) strictly increasing [s].
     - `values`: (sample,) or (sample, observation).
-    - `sigma`: standard deviations, anything that broadcasts to the values; None if they are equal and unknown.
+    - `sigma`: standard deviations, anything that broadcasts to the values; None if they are equal and unknown. A
+      fit of values and event times needs them.
     - `names`: names of the observations; default q0, q1, ...
     - `missing`: "raise" on a NaN among the values or event times, or "skip" to leave those entries out of the fit.
     - `event_times`, `event_sigma`, `event_contacts`: times of impacts [s], their standard deviation (required with

@@ -11,6 +11,9 @@ from .iterate import BatchSize
 from .optimizers import Method
 from .outcome import Outcome
 
+UNFINISHED = ("stalled", "no improvement", "max_iterations")
+"""Ends of a run that is not known to be at a minimum."""
+
 
 class Limits(NamedTuple):
     """When a run ends that does not converge."""

@@ -15,8 +15,8 @@ from ..system import AbstractHybridSystem
 from ..validation.asked import kind_of
 from ..waiting import waiting
 from . import prepare
+from .arguments import check_limits, check_robust, check_strategy, chosen_starts
 from .assemble import build_result
-from .data import Measurements
 from .descend import Limits, Run, descend
 from .growing import Growing
 from .history import Callbacks, GuessFailed, Iteration
@@ -69,8 +69,9 @@ def fit(
     - `data`: a CSV file, a pandas or xarray table, a mapping, (times, values), or `Measurements`; see
       `read_measurements`.
     - `parameters`: names of the fields that are fitted (["stiffness", "arm.length"]), or one name; default all.
-    - `observe`: `observe(scene, t, q, v)` or `observe(system, t, x)` -> (observation,), or a mapping of column names to
-      scalars; default: columns are named after the state, q0, v0, ..., or after the leaves of x.
+    - `observe`: `observe(scene, t, q, v)` or `observe(system, t, x)` -> (observation,), or a list of scalars, or a
+      mapping of column names to scalars; default: columns are named after the state, q0, v0, ..., or after the
+      leaves of x.
     - `state`: initial state, or a function of the scene that returns it; default `scene.initial_state()`.
     - `mode`: initial mode of a hybrid system or of a scene with switches, or a function of it; default its
       `initial_mode()`, or None. Measured event times are those of a system's events, or of a scene's impacts, and
@@ -99,7 +100,10 @@ def fit(
     if not isinstance(scene, AbstractScene | AbstractHybridSystem):
         raise TypeError(f"`scene` must be a scene or a system, and come before the data, but is {kind_of(scene)}.")
     measured = read_measurements(data)
-    _check(max_iterations, patience, robust, measured)
+    check_limits(max_iterations, patience)
+    check_robust(robust, measured)
+    check_strategy(strategy)
+    starts = chosen_starts(starts)
     chosen = chosen_settings("fit", settings, prepare.SETTINGS, arguments=_own_arguments())
     experiment = prepare.Experiment(state, mode, observe, t0, t1, chosen)
     unknowns = prepare.Unknowns(parameters, bounds, priors)
@@ -110,7 +114,6 @@ def fit(
     z = guess if kept is None else problem.selection.from_values(kept)
     plain, several = method(optimizer), None
     how = Growing(plain, strategy) if strategy is not None else plain
-    starts = RandomStarts(starts) if isinstance(starts, int) else starts
     with ExitStack() as until_first_line:
         until_first_line.enter_context(waiting("compiling", bool(progress)))
         listener = _listener(progress, until_first_line.close)
@@ -121,18 +124,6 @@ def fit(
         descents = _to_the_end(how, problem, z, Limits(max_iterations, patience), callbacks)
     with waiting("compiling intervals", bool(progress)):
         return _even_if_interrupted(lambda: build_result(how, problem, measured, guess, descents, several))
-
-
-def _check(max_iterations: int, patience: int, robust: float | None, measured: Measurements) -> None:
-    if max_iterations < 1 or patience < 1:
-        raise ValueError(f"`max_iterations` and `patience` must be >= 1, but are {max_iterations} and {patience}.")
-    if robust is not None and not robust > 0:
-        raise ValueError(f"`robust` must be positive or None, but is {robust}.")
-    if robust is not None and measured.sigmas is None and measured.names:
-        raise ValueError(
-            "`robust` counts in sigmas, so the measurements must have them (columns sigma_<name>, or `sigma`), but "
-            "have none."
-        )
 
 
 def _from_many(how: Method | Growing, problem: Problem, zs, max_iterations: int) -> tuple[Starts, Array]:

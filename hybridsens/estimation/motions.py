@@ -19,6 +19,8 @@ from ..simulate import simulate
 from ..solution import Solution
 from ..solve import solve
 from ..system import AbstractHybridSystem
+from ..system_checks import check_system, mode_as_arrays, state_as_arrays
+from ..validation.asked import Asked
 
 FALL = len(EventKind)
 """Kind of an event of a system that is not mechanical: a guard fell, or a scheduled time came."""
@@ -52,10 +54,12 @@ class Start(eqx.Module):
     """Initial mode of a system or of a scene with switches, or a function of it."""
 
     def of(self, scene) -> tuple:
-        """What `simulate` or `solve` is given after the scene."""
-        if not (isinstance(scene, AbstractHybridSystem) or has_switches(scene)):
-            return (self.state(scene),)
-        return self.state(scene), self.mode(scene) if callable(self.mode) else self.mode
+        """What `simulate` or `solve` is given after the scene: a State, or an x0 whose leaves are arrays."""
+        general, state = isinstance(scene, AbstractHybridSystem), self.state(scene)
+        if not (general or has_switches(scene)):
+            return (state,)
+        mode = self.mode(scene) if callable(self.mode) else self.mode
+        return state_as_arrays(state)[0] if general else state, mode
 
 
 class EventRows(NamedTuple):
@@ -92,6 +96,15 @@ def event_rows(motion: Trajectory | Solution) -> EventRows:
 def strikes(kind: Int[Array, "event"]):
     """Events whose times can be measured: impacts, which are heard, and the events of a system."""
     return (kind == EventKind.IMPACT) | (kind == EventKind.CAPTURE) | (kind == FALL)
+
+
+def event_count(scene, start: tuple) -> int:
+    """How many kinds of events there are whose times can be measured: contacts, or guards and scheduled times."""
+    if not isinstance(scene, AbstractHybridSystem):
+        return eqx.filter_eval_shape(Asked.of(scene, "gap(t, q)"), jnp.zeros(()), start[0].q).shape[0]
+    (x, dtype), mode = state_as_arrays(start[0]), mode_as_arrays(start[1])
+    counts, _ = check_system(scene, None, jnp.zeros((), dtype), x, mode)
+    return counts.guards + (counts.scheduled or 0)
 
 
 def state_names(start: tuple) -> list[str]:

@@ -19,9 +19,12 @@ from jaxtyping import Array, Float
 
 from ..parameters import entry_names, parameter_places
 from ..validation.spelling import did_you_mean
+from .given import as_real, by_name, pair
 
 Bounds = Mapping[str, Any]
 """Name -> "positive", or (lo, hi) where None is an open end."""
+_INSIDE = 1e-6
+"""Where a guess on its bound begins, as a part of its size, or of the distance of two bounds."""
 
 
 class Selection(eqx.Module):
@@ -65,12 +68,15 @@ class Selection(eqx.Module):
         return jnp.where(below & above, both, jnp.where(below | above, one_sided, self.scale * z))
 
     def from_values(self, values: Float[Array | np.ndarray, "parameter"]) -> Float[Array, "parameter"]:
-        """z(p), for values strictly inside their bounds; of the many z of a sine the one in (-pi/2, pi/2)."""
+        """z(p), for values within their bounds; of the many z of a sine the one in (-pi/2, pi/2).
+
+        On a bound p(z) is flat, and nothing leads away from there: values are put a millionth of their size inside.
+        """
         below, above = np.isfinite(self.lower), np.isfinite(self.upper)
         p, lower, upper = np.asarray(values), self.lower, self.upper
         with np.errstate(all="ignore"):  # every branch is computed, one of them is meant
-            one_sided = np.log(np.where(below, p - lower, upper - p) / self.scale)
-            both = np.arcsin((2 * p - lower - upper) / (upper - lower))
+            one_sided = np.log(np.maximum(np.where(below, p - lower, upper - p) / self.scale, _INSIDE))
+            both = np.arcsin(np.clip((2 * p - lower - upper) / (upper - lower), 2 * _INSIDE - 1, 1 - 2 * _INSIDE))
         return jnp.asarray(np.where(below & above, both, np.where(below | above, one_sided, p / self.scale)))
 
 
@@ -78,13 +84,13 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
     """The parameters with these names (None: all; a string: that one), within these bounds.
 
     Raises: ValueError for a name that the scene does not have, a name given twice, bounds in the wrong order, or a
-    guess that does not lie strictly inside its bounds.
+    guess that does not lie within its bounds.
     """
     known = parameter_places(scene)
     if isinstance(parameters, str):
         parameters = [parameters]
     names = list(known) if parameters is None else list(parameters)
-    bounds = dict(bounds or {})
+    bounds = by_name("bounds", bounds)
     _check_names("`parameters`", names, list(known))
     _check_names("`bounds`", list(bounds), names)
     leaves = jax.tree.leaves(scene)
@@ -95,9 +101,10 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
     ends = [_ends(name, bounds.get(name)) for name in names]
     lower, upper = (np.repeat([end[side] for end in ends], sizes).astype(float) for side in (0, 1))
     guess = np.concatenate([np.ravel(np.asarray(leaves[position])) for position in positions])
-    _check_inside(labels, guess, lower, upper)
     scale = np.where(guess == 0, 1.0, np.abs(guess))
-    return Selection(tuple(labels), positions, shapes, lower, upper, scale)
+    selection = Selection(tuple(labels), positions, shapes, lower, upper, scale)
+    check_inside("guess", selection, guess)
+    return selection
 
 
 def _check_names(what: str, names: list[str], known: list[str]) -> None:
@@ -115,14 +122,19 @@ def _ends(name: str, bound: Any) -> tuple[float, float]:
         if bound != "positive":
             raise ValueError(f'The bound of {name!r} must be "positive" or a pair (lo, hi), but is {bound!r}.')
         return 0.0, np.inf
-    lo, hi = bound
-    lo, hi = -np.inf if lo is None else float(lo), np.inf if hi is None else float(hi)
+    ends = pair(bound)
+    if ends is None:
+        raise ValueError(
+            f'The bounds of {name!r} must be "positive" or a pair (lo, hi), None for an open end, but are {bound!r}.'
+        )
+    lo, hi = (infinite if end is None else as_real(end) for end, infinite in zip(ends, (-np.inf, np.inf), strict=True))
     if not lo < hi:
-        raise ValueError(f"The bounds of {name!r} must have lo < hi, but are ({lo}, {hi}).")
+        raise ValueError(f"The bounds of {name!r} must be numbers with lo < hi, but are {bound!r}.")
     return lo, hi
 
 
-def _check_inside(labels: Sequence[str], guess: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-    for label, p, lo, hi in zip(labels, guess, lower, upper, strict=True):
-        if not np.isfinite(p) or not lo < p < hi:
-            raise ValueError(f"The guess of {label!r} must lie strictly inside ({lo}, {hi}), but is {p}.")
+def check_inside(what: str, selection: Selection, values: np.ndarray) -> None:
+    """Raises: ValueError for a value that is not finite, or beyond its bounds."""
+    for label, p, lo, hi in zip(selection.labels, values, selection.lower, selection.upper, strict=True):
+        if not np.isfinite(p) or not lo <= p <= hi:
+            raise ValueError(f"The {what} of {label!r} must lie within its bounds [{lo}, {hi}], but is {p}.")

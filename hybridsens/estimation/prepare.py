@@ -1,4 +1,4 @@
-"""From what a user says to a least-squares problem: observations by name, weights, priors, the horizon."""
+"""From what a user says to a least-squares problem: weights, priors, the horizon, where motions begin."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -11,10 +11,12 @@ import numpy as np
 from ..mechanics.scene import State
 from ..mechanics.switches import has_switches
 from ..system import AbstractHybridSystem
-from ..validation.asked import Asked
+from ..system_checks import state_as_arrays
 from ..validation.spelling import did_you_mean
 from .data import Measurements
-from .motions import FixedSettings, Start, entries, picks
+from .given import as_real, by_name, pair
+from .motions import FixedSettings, Start, event_count
+from .observers import observer
 from .parameters import Bounds, Selection, select
 from .problem import Observations, Prior, Problem
 
@@ -54,8 +56,10 @@ def build_problem(
     scene = concrete(scene)
     begin = beginning(scene, experiment.state, experiment.mode)
     selection = select(scene, unknowns.parameters, unknowns.bounds)
-    end = horizon(data, experiment.t0, experiment.t1)
-    observe = observer(experiment.observe, scene, begin.of(scene), data.names)
+    end, start = horizon(data, experiment.t0, experiment.t1), begin.of(scene)
+    observe = observer(experiment.observe, scene, start, data.names)
+    if data.any_events:
+        _check_events(data.event_contacts, type(scene).__name__, event_count(scene, start))
     return Problem(
         scene, selection, begin, observe, observations(data), prior(selection, unknowns.priors),
         jnp.asarray(float(experiment.t0)), jnp.asarray(end), jnp.asarray(sigma_unit(data)),
@@ -63,59 +67,17 @@ def build_problem(
     )  # fmt: skip
 
 
-class StateObserver(eqx.Module):
-    """Entries of (q, v), or of x. Hashable and comparable, so that a second fit of the same columns compiles
-    nothing."""
-
-    picks: tuple[int, ...] = eqx.field(static=True)
-
-    def __call__(self, scene, t, *state):
-        del scene, t
-        return entries(state)[np.array(self.picks, int)]
-
-
-class NamedObserver(eqx.Module):
-    """An observation function with its result in the order of the columns."""
-
-    function: Callable[..., Any] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)
-
-    def __call__(self, scene, t, *state):
-        seen = self.function(scene, t, *state)
-        if isinstance(seen, Mapping):
-            seen = jnp.stack([seen[name] for name in self.names])
-        return jnp.atleast_1d(seen)
-
-
-def observer(observe: Callable[..., Any] | None, scene, start: tuple, names: tuple[str, ...]) -> Callable[..., Any]:
-    """The observation function, checked against the columns.
-
-    Raises: ValueError if what it returns does not fit the columns.
-    """
-    if not names:
-        return StateObserver(())
-    if observe is None:
-        return StateObserver(picks(names, start))
-    state = (start[0].q, start[0].v) if isinstance(start[0], State) else (jax.tree.map(jnp.asarray, start[0]),)
-    form = "observe(scene, t, q, v)" if isinstance(start[0], State) else "observe(system, t, x)"
-    seen = eqx.filter_eval_shape(Asked(form, observe), scene, jnp.zeros(()), *state)
-    if seen is None:
-        raise TypeError("`observe` must return what was measured, but returns None: is a `return` missing?")
-    if isinstance(seen, Mapping):
-        unknown = [name for name in names if name not in seen]
-        if unknown:
-            raise ValueError(
-                f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}."
-            )
-    elif np.shape(seen) not in ((len(names),), () if len(names) == 1 else None):
-        raise ValueError(
-            f"`observe` must return shape ({len(names)},) for {list(names)}, but returns {np.shape(seen)}."
-        )
-    return NamedObserver(observe, names)
-
-
 def observations(data: Measurements) -> Observations:
-    """Measurements with weights 1 / sigma in the place of gaps and sigmas."""
+    """Measurements with weights 1 / sigma in the place of gaps and sigmas.
+
+    Raises: ValueError if values without sigmas are to be weighed against event times, or some contacts are unknown.
+    """
+    if data.any_events and not data.sigmas_known:
+        raise ValueError(
+            "The values must have sigmas where event times are fitted too, but have none: give `sigma` (or columns "
+            "sigma_<name>), by which event times are weighed against values. A fit of the values alone estimates it: "
+            "`result.uncertainty.noise`."
+        )
     known = np.isfinite(data.values)
     sigmas = np.ones_like(data.values) if data.sigmas is None else data.sigmas
     contacts = data.event_contacts
@@ -129,20 +91,34 @@ def observations(data: Measurements) -> Observations:
     return Observations(*(jnp.asarray(a) for a in arrays))
 
 
+def _check_events(contacts: np.ndarray, name: str, count: int) -> None:
+    """Raises: ValueError if motions have no events, or not those that were measured."""
+    if count == 0:
+        raise ValueError(
+            f"{name} must have events where event times are fitted (contacts of a scene, guards or scheduled times of "
+            "a system), but has none. Leave `event_times` out, or write what happens then."
+        )
+    if np.max(contacts) >= count:
+        raise ValueError(f"`event_contacts` must be below {count}, the number of events of {name}, but has {contacts}.")
+
+
 def prior(selection: Selection, priors: Mapping[str, Any] | None) -> Prior:
     """Normal priors from name -> (mean, sigma).
 
-    Raises: ValueError for a name that is not fitted, or a sigma that is not positive.
+    Raises: ValueError for a name that is not fitted, or what is no pair of a number and a positive one.
     """
     mean, weight = np.zeros(len(selection.labels)), np.zeros(len(selection.labels))
-    for name, (middle, sigma) in (priors or {}).items():
+    for name, given in by_name("priors", priors).items():
         if name not in selection.labels:
             raise ValueError(
                 f"`priors` must have names among {list(selection.labels)}, but has {name!r}."
                 f"{did_you_mean(name, selection.labels)}"
             )
-        if not sigma > 0:
-            raise ValueError(f"The prior of {name!r} must have a positive sigma, but has {sigma}.")
+        middle, sigma = map(as_real, pair(given) or (None, None))
+        if not (sigma > 0 and np.isfinite(middle)):
+            raise ValueError(
+                f"The prior of {name!r} must be a pair (mean, sigma), a number and a positive one, but is {given!r}."
+            )
         place = selection.labels.index(name)
         mean[place], weight[place] = middle, 1 / sigma
     return Prior(jnp.asarray(mean), jnp.asarray(weight))
@@ -168,9 +144,7 @@ def horizon(data: Measurements, t0: float, t1: float | None) -> float:
 
 def sigma_unit(data: Measurements) -> float:
     """How large a residual of one sigma is: 1, or a percent of the data's spread where no sigmas were given."""
-    if data.sigmas is not None or data.values.size == 0:
-        return 1.0
-    return 0.01 * float(np.nanmax(np.nanstd(data.values, axis=0))) or 1.0
+    return 1.0 if data.sigmas is not None else 0.01 * data.spread or 1.0
 
 
 def beginning(scene, state: Any, mode: Any) -> Start:
@@ -189,7 +163,9 @@ def beginning(scene, state: Any, mode: Any) -> Start:
         raise TypeError("`mode` must be left out for a scene without switches, whose contacts choose their own.")
     if mode is None and hasattr(scene, "initial_mode"):
         mode = _own_initial_mode
-    return Start(state if callable(state) else _Fixed(concrete(state)), mode)
+    if not callable(state):
+        state = _Fixed(state_as_arrays(state)[0] if general else concrete(state))
+    return Start(state, mode)
 
 
 def _own_initial_state(scene):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from .descend import UNFINISHED
 from .history import Sequence
 
 _EXACT = 1e-6
@@ -23,16 +24,13 @@ def _head(result: Any) -> Iterator[str]:
         f"fit {result.stopped} after {result.iterations} iterations: loss {result.history[0].loss:.6g} -> "
         f"{result.loss:.6g}, gradient norm {result.history[-1].gradient_norm:.3g}"
     )
-    known = int(np.sum(np.isfinite(result.residuals)))
+    known, heard = (int(np.sum(np.isfinite(r))) for r in (result.residuals, result.event_residuals))
     yield (
-        f"{known} observations, {result.event_residuals.size} event times; residual spread "
+        f"{known} observations, {heard} event times; residual spread "
         f"{result.uncertainty.noise:.4g}"
     )
-    if result.stopped in ("stalled", "no improvement", "max_iterations"):
-        yield (
-            "It did not converge. Where the guess is far off, `strategy=GrowingHorizon()` fits the beginning of the "
-            "record first, and `starts=` begins at several points."
-        )
+    if result.stopped in UNFINISHED:
+        yield _advice(result)
     if result.failures:
         last = next(line.failure for line in reversed(result.history) if line.failure)
         yield f"{result.failures} trial points failed and were rejected; the last because {last}"
@@ -44,6 +42,16 @@ def _head(result: Any) -> Iterator[str]:
             f"{loss.size} starts of {took.min()} to {took.max()} steps before: {near} ended within 1 % of the best "
             f"loss, {int(np.sum(np.isinf(loss)))} failed"
         )
+
+
+def _advice(result: Any) -> str:
+    """What to do about a fit that did not converge."""
+    if result.on_bound:
+        return f"It did not converge. Wider bounds of {', '.join(result.on_bound)} or other guesses may let it."
+    return (
+        "It did not converge. Where the guess is far off, `strategy=GrowingHorizon()` fits the beginning of the record "
+        "first, and `starts=` begins at several points."
+    )
 
 
 def _parameters(result: Any) -> Iterator[str]:
@@ -67,9 +75,10 @@ def _events(result: Any) -> Iterator[str]:
 
 
 def _directions(result: Any) -> Iterator[str]:
+    for label in result.on_bound:
+        yield f"on its bound: {label}, which has no interval; those of other parameters hold it there"
     for label in result.uncertainty.unseen:
-        why = "it lies on its bound" if label in result.on_bound else "nothing that was measured depends on it"
-        yield f"not determined by the data: {label}, since {why}"
+        yield f"not determined by the data: {label}, since nothing that was measured depends on it"
     for direction in result.uncertainty.null_directions:
         yield f"not determined by the data (relative change): {_direction(direction)}"
     for error, direction in result.weak_directions():
@@ -94,13 +103,14 @@ def _doubts(result: Any) -> Iterator[str]:
     for i, (name, correlation) in enumerate(result.residual_correlation.items()):
         known = np.isfinite(result.residuals[:, i])
         r, seen = result.residuals[known, i], result.data.values[known, i]
-        if correlation > max(0.3, 4 / np.sqrt(r.size)) and np.std(r) > _EXACT * np.std(seen):
+        if correlation > max(0.3, 4 / np.sqrt(max(r.size, 1))) and np.std(r) > _EXACT * np.std(seen):
             yield (
                 f"residuals of {name} are alike from sample to sample (correlation {correlation:.2f}): the model "
                 f"leaves something out, and the intervals are up to {_too_narrow(correlation):.1f} times too narrow"
             )
     freedom, noise = result.uncertainty.freedom, result.uncertainty.noise
-    if result.data.sigmas is not None and noise > 1.1 and stats.chi2.sf(freedom * noise**2, freedom) < 1e-6:
+    sigmas_given = np.isinf(result.uncertainty.quantile_freedom)
+    if sigmas_given and noise > 1.1 and stats.chi2.sf(freedom * noise**2, freedom) < 1e-6:
         yield (
             f"residuals are {noise:.2g} times as large as their sigmas say: the model leaves something out, or the "
             "sigmas are too small; the intervals take them at their word"

@@ -30,7 +30,8 @@ class FitResult(eqx.Module):
     guess: np.ndarray
     """(parameter,) where the fit started."""
     on_bound: tuple[str, ...]
-    """Parameters that the optimizer has driven onto a bound, where their derivative is no longer known."""
+    """Parameters on a bound, beyond which the loss goes on falling. Their errors are nan; other parameters' errors hold
+    them there."""
     loss: float
     """sum r^2 / 2 at the end, priors and robust weighting included."""
     residuals: np.ndarray
@@ -48,7 +49,7 @@ class FitResult(eqx.Module):
     history: list[Iteration]
     """Every iteration: its loss, where it stood, and why it failed if it did."""
     stopped: str
-    """Why the fit ended; "converged" is what one wants."""
+    """Why the fit ended; "converged" is what one wants, also on a bound."""
     sequence_start: Sequence
     """Kinds and contacts of the events at the guess."""
     sequence_end: Sequence
@@ -110,7 +111,8 @@ class FitResult(eqx.Module):
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Confidence intervals: label -> (low, high). First-order; not cut at bounds. (-inf, inf) for a parameter of
-        which the data say nothing; nan where no sigmas were given and the residuals are zero to rounding."""
+        which the data say nothing; nan on a bound, and where no sigmas were given and the residuals are zero to
+        rounding."""
         half = half_width(self.uncertainty.standard_errors, level, self.uncertainty.quantile_freedom)
         return {label: (float(p - h), float(p + h)) for label, p, h in zip(self.labels, self.values, half, strict=True)}
 

@@ -3,12 +3,12 @@
 import json
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from .parameters import Selection
+from .parameters import Selection, check_inside
 
 
 class Store(NamedTuple):
@@ -28,14 +28,33 @@ class Store(NamedTuple):
     def read(self) -> np.ndarray | None:
         """Values of the parameters; None if there is no file yet.
 
-        Raises: ValueError for a file of other parameters.
+        Raises: ValueError for a path that cannot be written to, and for a file that holds no values, those of other
+        parameters, or values outside their bounds.
         """
+        if self.path.is_dir() or not self.path.parent.is_dir():
+            what = "is a folder" if self.path.is_dir() else "is in a folder that does not exist"
+            raise ValueError(f"`store` must be the path of a JSON file in a folder that exists, but {self.path} "
+                             f"{what}.")  # fmt: skip
         if not self.path.exists():
             return None
-        saved = json.loads(self.path.read_text())
-        if tuple(saved) != self.selection.labels:
+        saved, labels = self._saved(), self.selection.labels
+        if tuple(saved) != labels:
             raise ValueError(
-                f"`store` must be of the same parameters {self.selection.labels}, but {self.path} has "
-                f"{tuple(saved)}."
+                f"`store` must be of the same parameters {labels}, but {self.path} has {tuple(saved)}."
             )
-        return np.array(list(saved.values()))
+        values = np.array(list(saved.values()), float)
+        check_inside(f"value in {self.path}", self.selection, values)
+        return values
+
+    def _saved(self) -> dict[str, float]:
+        try:
+            saved: Any = json.loads(self.path.read_text())
+        except ValueError as error:  # no JSON, or no text
+            raise ValueError(f"`store` must be a JSON file, but {self.path} is none: {error}.") from error
+        values = saved.values() if isinstance(saved, dict) else [None]
+        if not all(isinstance(value, int | float) for value in values):
+            raise ValueError(
+                f"`store` must be a JSON file of names and numbers, but {self.path} has {str(saved)[:60]}. Remove "
+                "it, or name another file."
+            )
+        return saved

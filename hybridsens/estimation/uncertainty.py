@@ -17,14 +17,15 @@ class Uncertainty(NamedTuple):
 
     covariance: Float[np.ndarray, "parameter parameter"]
     """(J^T J / s^2 + priors)^-1; inf on the diagonal of a parameter that is unseen or takes part in a null direction,
-    nan elsewhere if the residuals are `exact`."""
+    nan elsewhere if the residuals are `exact`. nan for a parameter on its bound; the others are known as if it were
+    held there."""
     standard_errors: Float[np.ndarray, "parameter"]
     correlation: Float[np.ndarray, "parameter parameter"]
     """nan where a standard error is not finite."""
     noise: float
     """s: standard deviation of the residuals, in sigmas; in the data's unit where no sigmas were given."""
     freedom: int
-    """Residuals less parameters."""
+    """Residuals less parameters that are not on their bounds."""
     quantile_freedom: float
     """Degrees of freedom of Student's t for intervals; inf (a normal distribution) where sigmas were given."""
     null_directions: list[dict[str, float]]
@@ -73,6 +74,19 @@ def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight
         null_directions=[dict(zip(labels, map(float, direction), strict=True)) for direction in null],
         unseen=tuple(label for label, hidden in zip(labels, unseen, strict=True) if hidden), exact=exact,
     )  # fmt: skip
+
+
+def with_held(known: Uncertainty, held: np.ndarray) -> Uncertainty:
+    """What is known of all parameters, from what is known of those that are not `held`: nan for these."""
+
+    def widened(square):
+        whole = np.full((held.size, held.size), np.nan)
+        whole[np.ix_(~held, ~held)] = square
+        return whole
+
+    covariance = widened(known.covariance)
+    errors = np.sqrt(np.diag(covariance))
+    return known._replace(covariance=covariance, standard_errors=errors, correlation=widened(known.correlation))
 
 
 def _noise(r: np.ndarray, freedom: int, robust: float) -> float:

@@ -9,7 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import AbstractFlatSystem, Decision, Mode
-from ..numerics.tolerances import time_resolution
+from ..numerics.tolerances import jump_length
 from ..observables import EventStates
 from ..status import Status
 
@@ -26,12 +26,12 @@ def is_jump(guard):
 
 def before_jump(t):
     """The last moment before a jump time: a force is evaluated there as it was before."""
-    return t - 2 * time_resolution(t, 0)
+    return t - jump_length(t) / 2
 
 
 def after_jump(t):
     """The first moment after a jump time."""
-    return t + 2 * time_resolution(t, 0)
+    return t + jump_length(t) / 2
 
 
 class StepRecord(eqx.Module):
@@ -213,6 +213,11 @@ def segment_end(motion: Motion, j) -> Float[Array, ""]:
     time = events.states.time[place]
     time = jnp.where(is_jump(events.rows.guard[place]), before_jump(time), time)
     return jnp.where(j < events.count, time, motion.t)
+
+
+def where_reached(motion: Motion, by_t1: Array) -> Array:
+    """A derivative by t1, which is 0 where the motion broke off: the instant at which it did is held fixed."""
+    return jnp.where(motion.status.reached_end, by_t1, 0)
 
 
 def order_of_events(motion: Motion) -> Int[Array, "event"]:

@@ -13,7 +13,7 @@ from ..status import Status
 from .clip_floor import short_clip_floor
 from .event_location import EventLocator, LocatorState
 from .guards import first_to_fall, guards_at_start
-from .record import Motion, after_jump, before_jump, jump_number
+from .record import Motion, before_jump, jump_number
 from .solver import TERM
 
 
@@ -103,11 +103,11 @@ def next_known(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime:
 
 
 def _next_jump(system: AbstractFlatSystem, t, t1) -> KnownTime | None:
-    """The first jump time after t. One that comes at once, within the resolution of time, has passed."""
+    """The first jump time after t: behind the one that was passed last, the clock stands later than it."""
     times = system.jump_times()
     if times is None or times.shape[0] == 0:
         return None
-    later = jnp.where((times > after_jump(t)) & (times < t1), times, jnp.inf)
+    later = jnp.where((times > t) & (times < t1), times, jnp.inf)
     first = jnp.argmin(later)
     time = later[first].astype(t.dtype)
     stop = jnp.where(jnp.isfinite(time), before_jump(time), jnp.inf)  # there is no moment before inf
@@ -115,15 +115,19 @@ def _next_jump(system: AbstractFlatSystem, t, t1) -> KnownTime | None:
 
 
 def _next_scheduled(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime | None:
-    """The first scheduled time that is still to come, also if it is now. They are numbered after the guards."""
+    """The first scheduled time that is still to come, also if it is now."""
     times = system.scheduled_times(motion.x, motion.mode)
     if times is None:
         return None
-    guards = jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0]
     times = jnp.where(motion.begun & system.expected(motion.mode) & (times <= t1), times, jnp.inf)
     first = jnp.argmin(times)
     time = jnp.maximum(times[first], motion.t)  # one that an event has moved into the past comes at once
-    return KnownTime(time, time, guards + first)
+    return KnownTime(time, time, guard_count(system, motion) + first)
+
+
+def guard_count(system: AbstractFlatSystem, motion: Motion) -> int:
+    """How many guards there are: scheduled times are numbered after them."""
+    return jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0]
 
 
 def _status(result, finite) -> Status:

@@ -13,7 +13,7 @@ from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
 from ..status import Status
 from .record import EventRow, Motion, after_jump, is_jump
-from .segment import SegmentEnd, Stepper, solve_segment
+from .segment import SegmentEnd, Stepper, guard_count, solve_segment
 
 
 class Transition(NamedTuple):
@@ -26,8 +26,8 @@ class Transition(NamedTuple):
 
 def run_segments(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
     """Carry a motion on to t1, through every event, in one compiled loop (a system without guards: in one solve)."""
-    no_guards = jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0] == 0
-    if no_guards and system.jump_times() is None and system.scheduled_times(motion.x, motion.mode) is None:
+    scheduled = system.scheduled_times(motion.x, motion.mode)
+    if guard_count(system, motion) == 0 and system.jump_times() is None and scheduled is None:
         return _run_freely(system, stepper, t1, motion)
 
     def body(motion):
@@ -68,7 +68,9 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     at_jump_time = is_jump(end.guard)
     hidden = at_jump_time | system.is_silent(end.guard, motion.mode)
     full = ~hidden & (events.count - motion.unreported >= events.room)
-    again = motion.begun & (end.guard == motion.last_guard) & (t - motion.last_event_time <= time_resolution(t, 1))
+    # A scheduled time comes again only where an event moves it.
+    again = motion.begun & (end.guard == motion.last_guard) & (end.guard < guard_count(system, motion))
+    again &= t - motion.last_event_time <= time_resolution(t, 1)
     passes = end.event & ~full & ~again
     recorded = passes & motion.begun
 

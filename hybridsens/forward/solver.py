@@ -73,13 +73,21 @@ def prepare_solver(solver: diffrax.AbstractSolver, rtol, atol, loop: str, size: 
     size control (as `diffeqsolve` would give it). `loop` is how a solver of Diffrax runs its own stages: "lax" going
     forward, "bounded" where the step is differentiated.
     """
-    if isinstance(solver, diffrax.AbstractERK):
+    wrapped = isinstance(solver, diffrax.AbstractWrappedSolver)  # it claims to be of the type that it wraps
+    if isinstance(solver, diffrax.AbstractERK) and not wrapped:
         return _explicit(solver, size, differentiated=loop == "bounded")
+    return ProjectedSolver(_of_diffrax(solver, rtol, atol, loop))
+
+
+def _of_diffrax(solver: diffrax.AbstractSolver, rtol, atol, loop: str) -> diffrax.AbstractSolver:
+    """A solver of Diffrax, or the one inside of it, with the tolerances and the kind of loop that it needs."""
+    if isinstance(solver, diffrax.AbstractWrappedSolver):
+        return eqx.tree_at(lambda s: s.solver, solver, _of_diffrax(solver.solver, rtol, atol, loop))
     if isinstance(solver, diffrax.AbstractImplicitSolver):
         solver = _with_tolerances(solver, rtol, atol)
     if isinstance(solver, diffrax.AbstractRungeKutta):
-        solver = eqx.tree_at(lambda s: s.scan_kind, solver, loop, is_leaf=lambda leaf: leaf is None)
-    return ProjectedSolver(solver)
+        return eqx.tree_at(lambda s: s.scan_kind, solver, loop, is_leaf=lambda leaf: leaf is None)
+    return solver
 
 
 def _explicit(solver: diffrax.AbstractERK, size: FlowSize, differentiated: bool) -> ExplicitRungeKutta:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from ..discontinuities import listed_breaks, that_matter, warn
+from ..discontinuities import listed_breaks, remedies_for, that_matter, warn
 from ..interval.breaks import Break
 from .mass import mass_entries
 from .scene import AbstractScene
@@ -28,12 +28,7 @@ def warn_of_discontinuities(
         return
     found = that_matter(scene_breaks(scene, t, q, v, running_cost), times_declared)
     inputs = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
-    needed = {
-        "time": any("t" in these for these in inputs.values()),
-        "gap": "gap" in found,
-        "state": any(these - {"t"} for name, these in inputs.items() if name != "gap"),
-    }
-    warn(found, [text for name, text in REMEDIES.items() if needed[name]], "scene")
+    warn(found, remedies_for(inputs, REMEDIES), "scene")
 
 
 def scene_breaks(scene: AbstractScene, t, q, v, running_cost: Callable | None = None) -> dict[str, list[Break]]:

@@ -97,15 +97,14 @@ def pivoted_on(tableau: Float[Array, "n columns"], members: Bool[Array, "n"]) ->
     """The tableau after a principal pivot on each member."""
 
     n = members.shape[0]
-    places = jnp.arange(n)
-    first = lambda left: jnp.min(jnp.where(left, places, n))  # n where none is left
 
-    def take(carry):
-        T, left, k = carry
-        left = left & (places != k)
-        return principal_pivot(T, k), left, first(left)
+    def next_member(k):
+        """The first one from place k on; n where there is none. By a loop, which compiles to less than a minimum."""
+        is_none = lambda k: (k < n) & ~lax.dynamic_index_in_dim(members, k, keepdims=False)
+        return lax.while_loop(is_none, lambda k: k + 1, k)
 
-    return lax.while_loop(lambda carry: carry[2] < n, take, (tableau, members, first(members)))[0]
+    take = lambda carry: (principal_pivot(*carry), next_member(carry[1] + 1))
+    return lax.while_loop(lambda carry: carry[1] < n, take, (tableau, next_member(jnp.array(0))))[0]
 
 
 def _inverse(matrix):

@@ -1,4 +1,4 @@
-"""What rounding can be told from: the three tolerances that everything about events is measured by."""
+"""What rounding can be told from: the tolerances that everything about events is measured by."""
 
 import jax.numpy as jnp
 
@@ -21,3 +21,14 @@ def time_resolution(t, relaxation):
     if isinstance(relaxation, int):
         return 4.0 ** (1 + relaxation) * spacing
     return 4 * spacing * jnp.left_shift(1, 2 * jnp.minimum(relaxation, 12)).astype(t.dtype)
+
+
+def jump_length(t):
+    """How long the clock takes to pass a jump time, which lies in the middle: forces are evaluated on both sides."""
+    return 4 * time_resolution(t, 0)
+
+
+def jump_window(t):
+    """What came by so much before t may have come while the clock passed a jump time: half as much again for
+    rounding."""
+    return 1.5 * jump_length(t)

@@ -20,9 +20,12 @@ def from_memory(
     return xarray().Dataset(data, coords, attributes)
 
 
-def from_store(location: Any, layout: Mapping[str, Variable]) -> "xr.Dataset":
+def from_store(location: Any, layout: Mapping[str, Variable], coordinates, attributes) -> "xr.Dataset":
     """A Dataset that reads a store when its values are asked for."""
-    return xarray().open_zarr(location, chunks=None)[list(layout)]
+    stored = xarray().open_zarr(location, chunks=None)
+    # By name: `mass[0, 1]` has a space, and xarray reads such a coordinate as a result.
+    found = stored[[*layout, *coordinates]].set_coords(list(coordinates))
+    return found.drop_attrs(deep=False).assign_attrs(attributes)
 
 
 def status_counts(dataset: "xr.Dataset") -> dict[str, int]:

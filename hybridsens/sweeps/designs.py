@@ -7,13 +7,16 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
 from ..parameters import check_names, parameters
+from ..validation.arguments import whole_number
 
 Bounds = Mapping[str, tuple[float, float]]
 """Lowest and highest value of each parameter."""
+Count = int | np.integer
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -40,7 +43,8 @@ class Design:
 
     def __repr__(self) -> str:
         shape = " x ".join(map(str, self.shape.values()))
-        ranges = ", ".join(f"{name} {column.min():g} to {column.max():g}" for name, column in self.columns.items())
+        ends = {name: (float(column.min()), float(column.max())) for name, column in self.columns.items()}
+        ranges = ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in ends.items())
         return f"Design({self.kind}, {shape} points of {type(self.scene).__name__}: {ranges})"
 
     def block(self, slices: Mapping[str, slice]) -> dict[str, np.ndarray]:
@@ -87,29 +91,29 @@ def grid(scene: Any, values: Mapping[str, Sequence[float] | np.ndarray | jax.Arr
     )
 
 
-def random(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> Design:
+def random(scene: Any, bounds: Bounds, points: Count, seed: int = 0) -> Design:
     """Independent uniform points in a box. Raises ValueError for an unknown name or bad bounds."""
-    unit = np.random.default_rng(seed).random((_positive(points), len(bounds)))
-    return _table(scene, bounds, unit, "random")
+    count = _size_of_box(scene, bounds)
+    return _table(scene, bounds, np.random.default_rng(seed).random((_positive(points), count)), "random")
 
 
-def latin_hypercube(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> Design:
+def latin_hypercube(scene: Any, bounds: Bounds, points: Count, seed: int = 0) -> Design:
     """Points of which each parameter takes one value in each of `points` equal intervals (scipy's `LatinHypercube`)."""
-    sampler = qmc.LatinHypercube(len(bounds), rng=np.random.default_rng(seed))
+    sampler = qmc.LatinHypercube(_size_of_box(scene, bounds), rng=np.random.default_rng(seed))
     return _table(scene, bounds, sampler.random(_positive(points)), "latin_hypercube")
 
 
-def sobol(scene: Any, bounds: Bounds, points: int, seed: int = 0) -> Design:
+def sobol(scene: Any, bounds: Bounds, points: Count, seed: int = 0) -> Design:
     """A scrambled Sobol sequence, for averages. `points` must be a power of two, which keeps it balanced."""
-    return _table(scene, bounds, _sobol_points(len(bounds), points, seed), "sobol")
+    return _table(scene, bounds, _sobol_points(_size_of_box(scene, bounds), points, seed), "sobol")
 
 
-def saltelli(scene: Any, bounds: Bounds, base: int, seed: int = 0) -> Design:
+def saltelli(scene: Any, bounds: Bounds, base: Count, seed: int = 0) -> Design:
     """Points for Sobol indices: A, B, and A with one column from B after the other; base (parameters + 2) in all.
 
     `base` must be a power of two. `sobol_indices` reads the result of the sweep. (Saltelli et al. 2010, table 2.)
     """
-    count = len(bounds)
+    count = _size_of_box(scene, bounds)
     both = _sobol_points(2 * count, base, seed)
     a, b = both[:, :count], both[:, count:]
     mixed = [np.where(np.arange(count) == i, b, a) for i in range(count)]
@@ -117,40 +121,67 @@ def saltelli(scene: Any, bounds: Bounds, base: int, seed: int = 0) -> Design:
 
 
 def batch(scenes: Any) -> Design:
-    """Scenes as they are: one PyTree whose real array leaves all have the same leading axis.
+    """Scenes as they are: one PyTree whose array leaves, integers and booleans too, all have the same leading axis.
 
-    Raises ValueError if the leading axes differ, or if there is no array at all.
+    Raises ValueError if the leading axes differ, if there is no parameter at all, or for arrays of no numbers.
     """
-    leaves = parameters(scenes)
+    leaves = _named_arrays(scenes)
     lengths = {name: leaf.shape[0] if leaf.ndim > 0 else 0 for name, leaf in leaves.items()}
-    if len(set(lengths.values())) != 1 or 0 in lengths.values():
+    if not parameters(scenes) or len(set(lengths.values())) != 1 or 0 in lengths.values():
         raise ValueError(
-            f"All parameters of the scenes must have the same leading axis, but have lengths {lengths}. The "
-            "points around one scene are made by grid, latin_hypercube or sobol."
+            f"All arrays of the scenes must have the same leading axis, but have lengths {lengths}. Repeat along it "
+            "what all points share. The points around one scene are made by grid, latin_hypercube or sobol."
         )
+    for name, leaf in leaves.items():
+        if not jnp.issubdtype(leaf.dtype, jnp.number) and leaf.dtype != bool:
+            raise ValueError(f"The arrays of the scenes must hold numbers, but {name!r} has type {leaf.dtype}.")
     (size,) = set(lengths.values())
     columns = {name: np.asarray(leaf) for name, leaf in leaves.items()}
-    first = jax.tree.map(lambda leaf: leaf[0] if eqx.is_inexact_array(leaf) else leaf, scenes)
+    first = jax.tree.map(lambda leaf: leaf[0] if _is_array(leaf) else leaf, scenes)
     return Design(first, {"point": size}, columns, {name: ("point",) for name in columns}, "batch")
 
 
-def _table(scene, bounds: Bounds, unit: np.ndarray, kind: str) -> Design:
+def _named_arrays(scenes) -> dict[str, Any]:
+    """All arrays by the names that parameters have: an integer varies from point to point like any other number."""
+    arrays = eqx.filter(scenes, _is_array)
+    names = parameters(jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, float), arrays))
+    return dict(zip(names, jax.tree.leaves(arrays), strict=True))
+
+
+def _is_array(leaf) -> bool:
+    return isinstance(leaf, jax.Array | np.ndarray) or eqx.is_inexact_array(leaf)
+
+
+def _size_of_box(scene, bounds: Bounds) -> int:
+    """How many parameters a box has. Raises TypeError or ValueError where it is none."""
+    if not isinstance(bounds, Mapping):
+        raise TypeError(
+            "`bounds` must be a mapping of parameters to lowest and highest values, {\"mass\": (1.0, 2.0)}, but is "
+            f"{type(bounds).__name__}."
+        )
     check_names(scene, bounds)
-    for name, (low, high) in bounds.items():
-        if not (np.isfinite([low, high]).all() and low < high):
-            raise ValueError(f"The bounds of {name!r} must be finite and increasing, but are ({low}, {high}).")
-    columns = {name: low + (high - low) * unit[:, i] for i, (name, (low, high)) in enumerate(bounds.items())}
+    if not bounds:
+        raise ValueError("A box must have at least one parameter to vary, but has none.")
+    for name, ends in bounds.items():
+        if np.shape(ends) != (2,):
+            raise ValueError(f"The bounds of {name!r} must be two numbers, (lowest, highest), but are {ends!r}.")
+        if not (np.isfinite(ends).all() and ends[0] < ends[1]):
+            raise ValueError(f"The bounds of {name!r} must be finite and increasing, but are ({ends[0]}, {ends[1]}).")
+    return len(bounds)
+
+
+def _table(scene, bounds: Bounds, unit: np.ndarray, kind: str) -> Design:
     box = {name: (float(low), float(high)) for name, (low, high) in bounds.items()}
+    columns = {name: low + (high - low) * unit[:, i] for i, (name, (low, high)) in enumerate(box.items())}
     return Design(scene, {"point": len(unit)}, columns, {name: ("point",) for name in columns}, kind, box)
 
 
-def _sobol_points(dimensions: int, points: int, seed: int) -> np.ndarray:
-    if _positive(points) & (points - 1):
+def _sobol_points(dimensions: int, points: Count, seed: int) -> np.ndarray:
+    points = _positive(points)
+    if points & (points - 1):
         raise ValueError(f"The number of points of a Sobol sequence must be a power of two, but is {points}.")
     return qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random_base2(points.bit_length() - 1)
 
 
-def _positive(points: int) -> int:
-    if not isinstance(points, int) or points < 1:
-        raise ValueError(f"The number of points must be an integer >= 1, but is {points!r}.")
-    return points
+def _positive(points: Count) -> int:
+    return whole_number("The number of points", points)

@@ -76,7 +76,8 @@ def coordinates(
         inner = _inner_dims(name, column.shape[len(design.dims[name]) :])
         attributes = _units(name, units)
         if name in design.bounds:
-            attributes["bounds"] = list(design.bounds[name])
+            # Two numbers, and not `bounds`: by that name the CF conventions mean a variable of the file.
+            attributes["lowest"], attributes["highest"] = design.bounds[name]
         found[name] = ((*design.dims[name], *inner), column, attributes)
     return found
 

@@ -25,6 +25,7 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     dims = dataset.J.dims
     if len(dims) != 2 or any(dim not in dataset.coords for dim in dims):
         raise ValueError(f"A map must have a grid of two parameters, but the points have the dimensions {dims}.")
+    dataset = dataset.sortby(list(dims))  # the cells of a map lie beside each other
     maps = {"J": dataset.J}
     derivatives = gradients(dataset)
     maps |= {f"|dJ/d {dim}|": abs(derivatives[dim]) for dim in map(str, dims) if dim in derivatives}

@@ -2,15 +2,17 @@
 
 import functools
 import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..parameters import parameters
+from ..validation.arguments import whole_number
 from ..validation.asked import kind_of
 from ..validation.spelling import did_you_mean
 from .cluster import run_on_cluster
 from .dataset import from_memory, from_store, xarray
-from .designs import Design, batch
+from .designs import Count, Design, batch
 from .engine import Engine, Program, shapes
 from .fingerprint import program_digest
 from .layout import coordinates, variables
@@ -27,11 +29,11 @@ def sweep(
     cost: Callable,
     scenes: Any,
     *,
-    gradient: bool | Sequence[str] = True,
-    events: int = 8,
+    gradient: bool | str | Sequence[str] = True,
+    events: Count = 8,
     states: bool = False,
     store: Any = None,
-    chunk: int = 8192,
+    chunk: Count = 8192,
     devices: Sequence[Any] | None = None,
     mapped: bool | None = None,
     client: Any = None,
@@ -48,11 +50,13 @@ def sweep(
     - `cost`: `cost(scene)`, which returns J, or (J, trajectory): then the Dataset tells of each point's status and
       events too. Simulate with `throw=False`, and with `max_steps` and `max_events` not much above what is needed.
     - `scenes`: a design (`grid`, `sobol`, ...), or a PyTree of scenes whose array leaves all have one leading axis.
-    - `gradient`: all real parameters (True), none (False), or names. Reverse mode: all cost little more than one.
+    - `gradient`: all parameters (True), none (False), a name or several. Reverse mode: all cost little more than one.
     - `events`: how many of the first events of each point are written down one by one.
     - `states`: keep q and v at the trajectory's `ts`.
     - `store`: where to stream results to, chunk by chunk, as a Zarr store. A sweep that was killed goes on where it was
-      when called again with the same store. Without it, results are held in memory.
+      when called again with the same store: points, cost, settings and all arrays that the cost holds must be the same.
+      What a `jax.pure_callback` reads is not seen: choose another store where that changes. Without a store, results
+      are held in memory.
     - `chunk`: points run and written at once.
     - `devices`: all of `jax.devices()` by default. `hybridsens.configure(host_devices=8)` shows a CPU as 8 devices.
     - `mapped`: run a device's points one after the other (default on a CPU) or in step (default elsewhere).
@@ -71,14 +75,17 @@ def sweep(
         raise TypeError(f"`cost` must be a function of (scene), and come before the scenes, but is {kind_of(cost)}.")
     xarray()  # if it is missing, it is told before anything has been computed
     design = scenes if isinstance(scenes, Design) else batch(scenes)
-    _check(chunk, events, client, store)
+    chunk, events = whole_number("`chunk`", chunk), whole_number("`events`", events, 0)
+    if client is not None and store is None:
+        raise ValueError("A sweep on a cluster must have a `store` that all workers can write to, but has none.")
     wanted = Wanted(_gradient_names(design.scene, gradient), events, states)
     program = Program(cost, design.scene, wanted)
     first = design.block({name: slice(0, 1) for name in design.shape})
     units = dict(units or {})
     layout, coords = variables(design, shapes(program, first), units), coordinates(design, units)
     edges = tile_shape(design.shape, chunk)
-    attributes = {"design": design.kind}
+    # A store lists its coordinates by the alphabet. As JSON, since netCDF has no lists of texts.
+    attributes = {"design": design.kind, "varied": json.dumps(list(design.columns))}
     if store is None:
         target = MemoryStore(layout)
     else:
@@ -90,7 +97,7 @@ def sweep(
     except KeyboardInterrupt:
         interrupted = True
     if isinstance(target, ZarrStore):
-        dataset = from_store(store, layout)
+        dataset = from_store(store, layout, coords, attributes)
     else:
         dataset = from_memory(target.arrays, layout, coords, attributes)
     if interrupted:
@@ -126,18 +133,11 @@ def _gradient_names(scene, gradient) -> tuple[str, ...]:
     known = tuple(parameters(scene))
     if isinstance(gradient, bool):
         return known if gradient else ()
+    gradient = (gradient,) if isinstance(gradient, str) else tuple(gradient)
     unknown = [name for name in gradient if name not in known]
     if unknown:
         raise ValueError(
             f"`gradient` must have names among {', '.join(known)}, but has {', '.join(unknown)}."
             f"{did_you_mean(unknown, known)}"
         )
-    return tuple(gradient)
-
-
-def _check(chunk, events, client, store) -> None:
-    for name, value, least in (("chunk", chunk, 1), ("events", events, 0)):
-        if not isinstance(value, int) or isinstance(value, bool) or value < least:
-            raise ValueError(f"`{name}` must be an integer >= {least}, but is {value!r}.")
-    if client is not None and store is None:
-        raise ValueError("A sweep on a cluster must have a `store` that all workers can write to, but has none.")
+    return gradient

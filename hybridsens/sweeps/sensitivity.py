@@ -1,5 +1,6 @@
 """Global sensitivity of J to the varied parameters, from the points of one sweep."""
 
+import json
 import warnings
 from typing import TYPE_CHECKING
 
@@ -22,15 +23,16 @@ def sobol_indices(dataset: "xr.Dataset", value: str = "J", confidence: float = 0
     Arguments: the result of a sweep over a `saltelli` design; the scalar result to explain; the level of the bootstrap
     intervals.
     Returns: first_order, total_order (parameter,) and their intervals (parameter, end).
-    Raises: ValueError for another design. Rows with a failed point are left out, with a warning.
+    Raises: ValueError for another design, or for points that are not all there in its order. Rows with a failed point
+    are left out, with a warning.
     """
     if dataset.attrs.get("design") != "saltelli":
         raise ValueError(
             f"Sobol indices need points of a `saltelli` design, but the design is {dataset.attrs.get('design')!r}."
         )
     names = _varied(dataset)
-    rows = dataset[value].values.reshape(len(names) + 2, -1)
-    rows = _complete(rows)
+    _check_blocks(dataset, names)
+    rows = _complete(dataset[value].values.reshape(len(names) + 2, -1))
     ends = np.quantile(_resampled(rows), [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
     data = {}
     for order, name in enumerate(("first_order", "total_order")):
@@ -52,7 +54,7 @@ def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
     good = np.isfinite(dataset.J.values)
     variance = np.var(dataset.J.values[good])
     squares = np.array([np.mean(_derivative(dataset, name)[good] ** 2) for name in names])
-    widths = np.array([np.ptp(dataset[name].attrs["bounds"]) for name in names])
+    widths = np.array([dataset[name].attrs["highest"] - dataset[name].attrs["lowest"] for name in names])
     bound = squares * widths**2 / (np.pi**2 * variance)
     return xarray().Dataset(
         {"nu": ("parameter", squares), "total_order_bound": ("parameter", bound)}, {"parameter": names}
@@ -60,10 +62,32 @@ def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
 
 
 def _varied(dataset) -> list[str]:
-    names = [str(name) for name, values in dataset.coords.items() if "bounds" in values.attrs]
-    if not names:
+    """The varied parameters in the order of the design, which may not be that of the coordinates."""
+    order = dataset.attrs.get("varied")
+    if order is None:
+        raise ValueError(
+            "The Dataset must have the attribute `varied`, which `sweep` writes, but has none: its parameters would be "
+            "mixed up. Run the sweep again, with a new `store`, and keep the attributes of its Dataset."
+        )
+    names = json.loads(order)
+    if not all("lowest" in dataset[name].attrs for name in names):
         raise ValueError(f"The points must be drawn from a box, but the design is {dataset.attrs.get('design')!r}.")
     return names
+
+
+def _check_blocks(dataset, names: list[str]) -> None:
+    """The points must be A, B, and A with one column of B after the other, as `saltelli` made them."""
+    points = np.stack([dataset[name].values for name in names])
+    whole = points.shape[1] % (len(names) + 2) == 0
+    if whole:
+        a, b, *mixed = np.moveaxis(points.reshape(len(names), len(names) + 2, -1), 1, 0)
+        own = np.eye(len(names), dtype=bool)[..., None]
+        whole = all(np.array_equal(block, np.where(i, b, a)) for i, block in zip(own, mixed, strict=True))
+    if not whole:
+        raise ValueError(
+            f"The points must be all those of the `saltelli` design in its order, but the {points.shape[1]} points are "
+            "not: some are missing or in other places. Give the Dataset as `sweep` returned it."
+        )
 
 
 def _derivative(dataset, name) -> np.ndarray:

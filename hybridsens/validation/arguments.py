@@ -1,5 +1,6 @@
 """Arguments of the front doors: numbers and arrays, checked by their names before anything runs."""
 
+import operator
 from typing import Any
 
 import equinox as eqx
@@ -64,3 +65,14 @@ def in_type(tree: Any, dtype) -> Any:
     if not any(map(other, jax.tree.leaves(tree))):
         return tree
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if other(leaf) else leaf, tree)
+
+
+def whole_number(what: str, value: Any, least: int = 1) -> int:
+    """A Python integer. Raises: ValueError where it is none, of Python, NumPy or JAX, or too small."""
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or number < least:
+        raise ValueError(f"{what} must be an integer >= {least}, but is {value!r}.")
+    return number

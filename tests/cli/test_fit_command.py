@@ -10,6 +10,7 @@ import pytest
 import typer
 
 from hybridsens.cli.fit import fit
+from hybridsens.cli.main import run
 from tests.problems.stop_record import RECORD
 
 
@@ -72,6 +73,38 @@ def test_a_class_that_is_not_in_a_file_is_answered_with_those_that_are(tmp_path)
     )
     with pytest.raises(typer.BadParameter, match="must have a default for every parameter, but .*missing.* 'm'"):
         fit(f"{module}:Cart", RECORD, "distance", skip_missing=True)
+
+
+_FALLING = """
+import hybridsens, jax, jax.numpy as jnp
+
+class Falling(hybridsens.AbstractHybridSystem):
+    speed: jax.Array = 1.0
+    def flow(self, t, x, mode): return -self.speed
+    def guards(self, t, x, mode): return jnp.zeros(0)
+    def transition(self, event, t, x, mode): return x, mode
+"""
+
+
+def test_a_class_that_does_not_say_where_it_starts_is_one_line(tmp_path, capsys):
+    """Assert that a model without `initial_state` is a mistake of the user, with its status and no traceback."""
+    module = tmp_path / "own.py"
+    module.write_text(_FALLING)
+    status = run(["fit", f"{module}:Falling", "--data", str(RECORD), "--skip-missing", "--parameters", "speed"])
+    printed = capsys.readouterr().err
+    assert status == 2 and printed.count("\n") == 1
+    assert "own.py:Falling must have a method `initial_state(self)`" in printed
+
+
+def test_a_file_without_a_class_is_answered_with_those_that_it_has(tmp_path):
+    """Assert that it is told to write own.py:Class, and which classes there are."""
+    module = tmp_path / "own.py"
+    module.write_text(_FALLING)
+    with pytest.raises(typer.BadParameter, match="own.py must be followed by .*own.py:Class; it has Falling"):
+        fit(str(module), RECORD, "speed", skip_missing=True)
+    module.write_text("import hybridsens")
+    with pytest.raises(typer.BadParameter, match="it has no scene and no system"):
+        fit(str(module), RECORD, "speed", skip_missing=True)
 
 
 @pytest.mark.slow

@@ -3,10 +3,12 @@
 import importlib
 import math
 
+import jax
 import jax.numpy as jnp
 import pytest
 
 import hybridsens as hs
+from hybridsens.comparison.check_causes import ParameterCheck, find_causes
 from hybridsens.comparison.check_gradient import check_gradient
 from hybridsens.comparison.check_grazing import grazes
 from hybridsens.comparison.check_motions import value_with_calls
@@ -113,6 +115,43 @@ def test_an_undeclared_jump_is_told_with_its_function():
     assert kinds(check) == {"discontinuity"}, str(check)
     assert "tau" in check.causes[0].parameters
     assert "`force` has jnp.where of t" in str(check) and "jump_ts" in check.causes[0].remedy
+
+
+class Pulse(hs.AbstractHybridSystem):
+    """x' = a - x from tau on, and -x before; x is looked at by a guard with a corner."""
+
+    tau: jax.Array
+    declared: bool = False
+
+    def flow(self, t, x, mode):
+        return -x + jnp.where(t > self.tau, 2.0, 0.0)
+
+    def guards(self, t, x, mode):
+        return jnp.maximum(x, 0.1 * x)[None] + 5
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+    def jump_times(self):
+        return self.tau[None] if self.declared else None
+
+
+def _pulse(system, solve):
+    return solve(system, 1.0, t1=1.0, running_cost=lambda system, t, x, mode: jnp.sign(x)).final
+
+
+@pytest.mark.filterwarnings("ignore::hybridsens.DiscontinuityWarning")
+@pytest.mark.parametrize("declared", [True, False])
+def test_an_undeclared_jump_of_a_system_is_told_with_its_function(declared):
+    """A push that begins at tau; each function has a remedy of its own."""
+    parameters = flatten_parameters(Pulse(jnp.array(0.5), declared))
+    _, calls = value_with_calls(parameters, _pulse, dict(rtol=1e-6, atol=1e-6, **ROOM))(parameters.vector)
+    doubt = ParameterCheck("tau", 0.0, 0.0, -1.2, 0.0, 0.0, "differences disagree")
+    (cause,) = find_causes([doubt], [], calls, {}, {})
+    assert (cause.kind, cause.parameters) == ("discontinuity", ("tau",))
+    assert ("`flow` has jnp.where of t" in cause.reason, "jump_ts" in cause.remedy) == (not declared, not declared)
+    assert all(words in cause.reason for words in ("`guards` has", "`running_cost` has"))
+    assert all(words in cause.remedy for words in ("one guard for each", "jump in x"))
 
 
 @pytest.mark.slow

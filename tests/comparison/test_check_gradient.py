@@ -1,6 +1,7 @@
 """`check_gradient` passes what is right, and names the parameter and the event where something is wrong."""
 
 import importlib
+import math
 
 import equinox as eqx
 import jax
@@ -12,8 +13,10 @@ import hybridsens as hs
 from hybridsens.comparison.check_events import cascades, split_at_events
 from hybridsens.comparison.check_gradient import check_gradient
 from hybridsens.comparison.differentiate import QUICKLY, value_and_gradient
+from hybridsens.comparison.finite_differences import WIDTHS, slopes_nearby
 from hybridsens.comparison.functional import running_cost_functional
 from hybridsens.scenes import BouncingBall
+from tests.problems.hybrid_systems import Decay
 
 IMPACT, CAPTURE, RELEASE = hs.EventKind.IMPACT, hs.EventKind.CAPTURE, hs.EventKind.RELEASE
 check_gradient_module = importlib.import_module("hybridsens.comparison.check_gradient")
@@ -87,6 +90,40 @@ def test_an_adjoint_that_is_off_by_a_millionth_is_named(monkeypatch):
         "weight": "adjoint and forward sensitivities disagree"
     }
     assert "In doubt: parameters weight; events -." in str(check)
+
+
+def at_end(system, solve):
+    return solve(system, 1.0, t1=1.0).final
+
+
+FLAT = {
+    "the best fit": lambda system, solve: (at_end(system, solve) - math.exp(-0.7)) ** 2,
+    "constant": lambda system, solve: jnp.array(1.0),
+}
+
+
+@pytest.mark.parametrize("cost", FLAT.values(), ids=FLAT)
+def test_a_right_gradient_that_is_0_passes(cost):
+    """What is left of it is the error of the motion and the rounding of J, which differ from method to method."""
+    check = check_gradient(Decay(), cost, max_events=8, max_steps=1024)
+    assert check.ok, str(check)
+
+
+def test_a_gradient_that_is_wrongly_0_is_named():
+    """Held constant by mistake, the parameter has a slope of 0 by every method but differences."""
+    held = lambda system, solve: at_end(Decay(jax.lax.stop_gradient(system.k)), solve)
+    check = check_gradient(Decay(), held, max_events=8, max_steps=1024)
+    assert [entry.verdict for entry in check.parameters] == ["differences disagree"], str(check)
+
+
+def test_slopes_nearby_are_those_of_the_smooth_side():
+    """Of 3 x^2 at 0 and of 2 x at 1; a jump on one side, or no value there, does not count."""
+    width, one = WIDTHS[0], np.ones(1)
+    near = lambda function, x: slopes_nearby(lambda p: function(float(p[0])), x * one, one)[0]
+    assert near(lambda x: 3 * x**2, 0.0) == pytest.approx(3 * width)
+    assert near(lambda x: 2 * x + (x > 1), 1.0) == pytest.approx(2)
+    assert near(lambda x: 2 * x if x <= 1 else math.nan, 1.0) == pytest.approx(2)
+    assert near(lambda x: 0.0 if x == 1 else math.nan, 1.0) == 0
 
 
 def test_a_cascade_stays_together_from_its_fastest_impact_to_its_capture():

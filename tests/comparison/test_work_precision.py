@@ -17,7 +17,7 @@ from hybridsens.scenes import ElasticStop
 from tests.problems.references import RECORDS
 
 work_precision_module = importlib.import_module("hybridsens.comparison.work_precision")
-ROOM = dict(max_events=16, max_steps=2048, progress=False)
+ROOM = dict(max_events=16, max_steps=2048)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_
     methods = (hs.Replay(), hs.ContinuousCostate())
     study = work_precision(
         scene(), tolerances=(1e-5, 1e-8, 1e-11), solvers=[diffrax.Tsit5()], methods=methods, reference=reference,
-        store=path, **ROOM,
+        store=path, **ROOM, progress=False,
     )  # fmt: skip
     assert [point.method for point in study.points] == 3 * ["Replay"] + 3 * ["ContinuousCostate"]
     errors = [point.gradient_error for point in study.points]
@@ -81,14 +81,14 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path, reference, monk
     asked = dict(tolerances=(1e-4, 1e-5), solvers=[diffrax.Tsit5()], dtypes=("float64", "float32"))
     asked |= dict(methods=(hs.Replay(), hs.ContinuousCostate(rtol=1e-10)), reference=reference, store=path)
     monkeypatch.setattr(work_precision_module, "_measure", first := Meter(stops_at=3))
-    begun = work_precision(scene(), **asked, **ROOM)
+    begun = work_precision(scene(), **asked, **ROOM, progress=False)
     assert begun.interrupted and len(begun.points) == first.count == 3
-    assert _same(read_points(path, reference.value), begun.points)
+    assert _same(read_points(path, reference.value, ROOM), begun.points)
     monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
-    whole = work_precision(scene(), **asked, **ROOM)
+    whole = work_precision(scene(), **asked, **ROOM, progress=False)
     assert second.count == 5 and not whole.interrupted and _same(whole.points[:3], begun.points)
     assert len({point[:4] for point in whole.points}) == 8
-    assert _same(read_points(path, reference.value), whole.points)
+    assert _same(read_points(path, reference.value, ROOM), whole.points)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -114,16 +114,22 @@ def test_the_command_writes_points_and_goes_on_with_them(tmp_path, reference, mo
 
 
 def test_a_file_of_something_else_is_refused(tmp_path, reference):
-    """Points of another J, a table of another kind, another ending; and a setting that the study varies."""
+    """Points of another J or under other settings, another table, ending or folder; a setting that is varied."""
     path = tmp_path / "points.csv"
-    write_points(path, [Point("Tsit5", "Replay", "float64", 1e-7)], reference.value * 1.001)
+    point, settings = Point("Tsit5", "Replay", "float64", 1e-7), dict(max_events=256, max_steps=65536)
+    write_points(path, [point], reference.value * 1.001, settings)
     with pytest.raises(ValueError, match="must have points of the same J"):
         work_precision(scene(), reference=reference, store=path)
+    write_points(path, [point], reference.value, settings)
+    with pytest.raises(ValueError, match="under the settings max_events=100.*has some under max_events=256"):
+        work_precision(scene(), reference=reference, store=path, max_events=100)
     path.write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match="must have the columns solver, method"):
         work_precision(scene(), reference=reference, store=path)
     with pytest.raises(ValueError, match="must end in .csv"):
         work_precision(scene(), reference=reference, store=tmp_path / "points.txt")
+    with pytest.raises(ValueError, match="must lie in a folder that is there"):
+        work_precision(scene(), reference=reference, store=tmp_path / "nowhere" / "points.csv")
     with pytest.raises(TypeError, match="must have settings among .*, but has rtol"):
         work_precision(scene(), reference=reference, rtol=1e-6)
 
@@ -131,7 +137,7 @@ def test_a_file_of_something_else_is_refused(tmp_path, reference):
 def test_float32_is_float32_and_restores_double_precision(reference):
     """In single precision the gradient is right to 1e-4 and not to 1e-8, and the setting is undone afterwards."""
     settings = dict(tolerances=(1e-5,), solvers=[diffrax.Tsit5()], methods=(hs.Replay(),), dtypes=("float32",))
-    study = work_precision(scene(), reference=reference, **settings, **ROOM)
+    study = work_precision(scene(), reference=reference, **settings, **ROOM, progress=False)
     assert study.points[0].failure == ""
     assert 1e-8 < study.points[0].gradient_error < 1e-3
     assert scene().mass.dtype == np.float64

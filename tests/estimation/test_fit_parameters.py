@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from hybridsens.estimation.motions import state_names
 from hybridsens.estimation.parameters import select
+from hybridsens.estimation.prepare import beginning
 from hybridsens.estimation.uncertainty import Noise, half_width, uncertainty
 from hybridsens.parameters import parameter_places
 from hybridsens.scenes import ElasticStop
+from tests.problems.sawtooth import Sawtooth
 
 
 class Nested(eqx.Module):
@@ -47,12 +50,23 @@ def test_bounds_hold_for_every_unknown(bound):
     np.testing.assert_allclose(inverse, [1.2], rtol=1e-14)
 
 
+@pytest.mark.parametrize("number", [1, 1.0, np.float32(1)])
+@pytest.mark.parametrize("as_function", [True, False])
+def test_an_initial_state_may_be_a_plain_number(number, as_function):
+    """Assert that a number, real or whole, from a function or as it is, becomes an array of real numbers."""
+    system = Sawtooth(1.0, 1.0)
+    begin = beginning(system, (lambda system: number) if as_function else number, None)
+    start = begin.of(system)
+    assert isinstance(start[0], jax.Array) and jnp.issubdtype(start[0].dtype, jnp.floating)
+    assert state_names(start) == ["x"] and float(start[0]) == 1.0
+
+
 @pytest.mark.parametrize(
     ("parameters", "bounds", "message"),
     [
         (["stifness"], None, r"must have names among .*'stiffness'.* but has \['stifness'\]. Did you mean 'stiff"),
         (["mass", "mass"], None, "each name once"),
-        (["mass"], {"mass": (2.0, 3.0)}, "must lie strictly inside"),
+        (["mass"], {"mass": (2.0, 3.0)}, "must lie within its bounds"),
         (["mass"], {"mass": (3.0, 2.0)}, "lo < hi"),
         (["mass"], {"damping": "positive"}, "`bounds` must have names among"),
     ],

@@ -118,3 +118,18 @@ class Overflow(hs.AbstractHybridSystem):
 
     def transition(self, event, t, x, mode):
         return x, 1 - mode
+
+
+class Decay(hs.AbstractHybridSystem):
+    """x' = -k x, without events."""
+
+    k: Array = 0.7  # type: ignore[assignment]
+
+    def flow(self, t, x, mode):
+        return -self.k * x
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def transition(self, event, t, x, mode):
+        return x, mode

@@ -118,6 +118,31 @@ def test_scenes_with_a_leading_axis_are_points():
     assert found.a.dims == ("point",) and found.b.dims == ("point", "b_0")
 
 
+def test_integers_and_booleans_of_a_batch_vary_from_point_to_point(tmp_path):
+    """Assert that each point has its own, with no derivative by them, and that a store and a file keep them."""
+    scenes = {"k": jnp.array([1.0, 2.0, 3.0]), "gear": jnp.array([2, 0, 1]), "on": jnp.array([True, False, True])}
+    ratios = jnp.array([10.0, 20.0, 30.0])
+    found = sweep(
+        lambda s: jnp.where(s["on"], ratios[s["gear"]].sum() * s["k"], 0.0), scenes, progress=False,
+        chunk=np.int64(2), events=np.int32(1), store=tmp_path / "sweep.zarr",
+    )  # fmt: skip
+    np.testing.assert_array_equal(found.J, [30, 0, 60])
+    np.testing.assert_array_equal(found.dJ_dk, [30, 0, 20])
+    assert "dJ_dgear" not in found and found.gear.values.tolist() == [2, 0, 1]
+    found.to_netcdf(tmp_path / "sweep.nc")
+    with xr.open_dataset(tmp_path / "sweep.nc") as read:
+        assert read.on.values.tolist() == [True, False, True]
+
+
+def test_one_name_is_a_gradient_too():
+    """Assert that a name of several letters is not read letter by letter, and a wrong one is told as it is."""
+    design = grid({"mass": jnp.array(1.0)}, {"mass": [2.0, 3.0]})
+    found = sweep(lambda s: s["mass"] ** 2, design, gradient="mass", progress=False)
+    np.testing.assert_array_equal(found.dJ_dmass, [4, 6])
+    with pytest.raises(ValueError, match="must have names among mass, but has masss. Did you mean 'mass'"):
+        sweep(lambda s: s["mass"] ** 2, design, gradient="masss", progress=False)
+
+
 def test_a_batch_too_large_for_memory_is_halved(monkeypatch):
     """Assert that a device which only takes 8 lanes at once gives every point all the same, with a word."""
     run, seen = engine_module._run, []

@@ -1,7 +1,9 @@
 """Points of a sweep: every design visits what it says, and every tile is visited once."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -99,13 +101,55 @@ def test_a_batch_keeps_every_leaf_of_its_scenes():
         (lambda scene: random(scene, {"height": (2.0, 1.0)}, 4), "must be finite and increasing"),
         (lambda scene: sobol(scene, BOX, 100), "must be a power of two"),
         (lambda scene: random(scene, BOX, 0), "must be an integer >= 1"),
+        (lambda scene: random(scene, BOX, True), "must be an integer >= 1"),
+        (lambda scene: random(scene, {}, 4), "must have at least one parameter"),
+        (lambda scene: latin_hypercube(scene, {}, 4), "must have at least one parameter"),
+        (lambda scene: sobol(scene, {}, 4), "must have at least one parameter"),
+        (lambda scene: saltelli(scene, {}, 4), "must have at least one parameter"),
         (lambda scene: batch(scene), "must have the same leading axis"),
+        (lambda scene: batch({"a": jnp.ones(2), "gear": jnp.arange(3)}), "same leading axis, .* {'a': 2, 'gear': 3}"),
+        (lambda scene: batch({"a": jnp.ones(2), "seed": jax.random.split(jax.random.key(0))}), "numbers, but 'seed'"),
     ],
 )
 def test_a_bad_design_says_what_it_must_have(make, words):
     """Assert that names, bounds and numbers that do not fit are refused at once."""
     with pytest.raises(ValueError, match=words):
         make(BouncingBall())
+
+
+@pytest.fixture
+def unchecked():
+    """Without the checks of types that the tests of this package add, as for a user."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.mark.parametrize(
+    ("box", "error"),
+    [(["height"], TypeError), ({"height": 1.0}, ValueError), ({"height": (1.0, 2.0, 3.0)}, ValueError)],
+)
+def test_a_box_must_be_a_mapping_to_pairs(unchecked, box, error):
+    """Assert that names alone, or numbers alone, are answered with the form of a box."""
+    with pytest.raises(error, match="must be (a mapping of parameters to lowest and highest values|two numbers)"):
+        latin_hypercube(BouncingBall(), box, 4)
+
+
+@pytest.mark.parametrize("make", [random, latin_hypercube, sobol, saltelli])
+def test_integers_of_numpy_are_integers(make):
+    """Assert that a number of points that comes out of an array serves."""
+    assert make(BouncingBall(), BOX, np.int64(4)).size == make(BouncingBall(), BOX, 4).size
+
+
+def test_a_batch_tells_its_integers_and_booleans_apart():
+    """Assert that each of its scenes has its own, and that it prints."""
+    scenes = {"a": jnp.ones(3), "gear": jnp.array([0, 1, 2]), "table": np.eye(3, dtype=int), "on": jnp.arange(3) > 1}
+    design = batch(scenes)
+    block = design.block({"point": slice(1, 3)})
+    assert {name: column.tolist() for name, column in block.items()} == {
+        "a": [1, 1], "gear": [1, 2], "table": [[0, 1, 0], [0, 0, 1]], "on": [False, True],
+    }  # fmt: skip
+    assert "on 0 to 1" in str(design)
 
 
 def test_a_design_prints_as_a_line():

@@ -19,6 +19,15 @@ def test_borders_lie_between_points_with_different_sequences():
     assert sides == {((1, 1), (1, 2)), ((2, 1), (2, 2)), ((1, 1), (2, 1)), ((1, 2), (2, 2))}
 
 
+def test_a_map_of_unsorted_values_is_that_of_sorted_ones():
+    """Assert that each cell lies around its own point, whatever the order of the grid."""
+    scene = {"a": jnp.array(1.0), "b": jnp.array(1.0)}
+    found = sweep(lambda s: 10 * s["a"] + s["b"], grid(scene, {"a": [3.0, 1.0, 2.0], "b": [2.0, 1.0]}), progress=False)
+    cells = plot_sweep(found).axes[0].collections[0]
+    np.testing.assert_array_equal(cells.get_array().reshape(2, 3), [[11, 21, 31], [12, 22, 32]])
+    np.testing.assert_array_equal(cells.get_coordinates()[0, :, 0], [0.5, 1.5, 2.5, 3.5])
+
+
 def test_a_map_shows_value_both_derivatives_and_needs_two_parameters():
     """Assert that one map each of J and its two derivatives holds the numbers of the Dataset, and a line has no map."""
     scene = {"a": jnp.array(1.0), "b": jnp.array(1.0), "c": jnp.array(1.0)}

@@ -3,8 +3,9 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
-from hybridsens.sweeps import dgsm, grid, saltelli, sobol_indices, sweep
+from hybridsens.sweeps import dgsm, grid, latin_hypercube, random, saltelli, sobol, sobol_indices, sweep
 
 SCENE = {"x": jnp.zeros(2), "z": jnp.array(0.0)}
 BOX = {name: (-np.pi, np.pi) for name in ("x[0]", "x[1]", "z")}
@@ -61,3 +62,53 @@ def test_indices_need_their_design():
         sobol_indices(swept)
     with pytest.raises(ValueError, match="must be drawn from a box"):
         dgsm(swept)
+
+
+WEIGHTS = {"z": jnp.array(0.0), "a": jnp.array(0.0), "m": jnp.zeros((1, 2))}
+UNIT = {name: (0.0, 1.0) for name in ("z", "m[0, 1]", "a")}
+
+
+def weighted(scene):
+    """Its variance has the shares 100, 9 and 1 of 110."""
+    return 10 * scene["z"] + 3 * scene["m"][0, 1] + scene["a"]
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A sweep with a store, whose coordinates come back by the alphabet, and over an entry with a space in its name."""
+    store = tmp_path_factory.mktemp("store") / "sweep.zarr"
+    return sweep(weighted, saltelli(WEIGHTS, UNIT, 256), progress=False, store=store)
+
+
+@pytest.mark.filterwarnings("ignore:coordinate .* has a space in its name")
+def test_indices_from_a_store_or_a_file_belong_to_their_parameters(stored, tmp_path):
+    """Assert that first orders and derivatives are those of a sum, each by the name of its parameter."""
+    stored.to_netcdf(tmp_path / "sweep.nc")
+    with xr.open_dataset(tmp_path / "sweep.nc") as read:
+        for found in (stored, read):
+            assert list(sobol_indices(found).parameter.values) == list(UNIT)
+            np.testing.assert_allclose(sobol_indices(found).first_order, np.array([100, 9, 1]) / 110, atol=0.02)
+            np.testing.assert_allclose(dgsm(found).nu, [100, 9, 1], rtol=1e-12)
+
+
+def test_indices_of_points_in_another_order_are_refused(stored):
+    """Assert that parameters, rows or points in other places are told of."""
+    with pytest.raises(ValueError, match="must have the attribute `varied`"):
+        sobol_indices(stored.drop_attrs(deep=False).assign_attrs(design="saltelli"))
+    with pytest.raises(ValueError, match="must be all those of the `saltelli` design"):
+        sobol_indices(stored.assign_attrs(varied='["a", "m[0, 1]", "z"]'))
+    for points in (slice(0, 1000), slice(None, None, -1)):
+        with pytest.raises(ValueError, match="must be all those of the `saltelli` design"):
+            sobol_indices(stored.isel(point=points))
+
+
+@pytest.mark.parametrize("design", [random, latin_hypercube, sobol, saltelli])
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_points_of_a_box_go_into_a_file(design, on_disk, tmp_path):
+    """Assert that netCDF keeps the box of every design, also of a sweep with a store."""
+    store = tmp_path / "sweep.zarr" if on_disk else None
+    found = sweep(weighted, design(WEIGHTS, {"z": (2.0, 3.0)}, 4), progress=False, store=store)
+    found.to_netcdf(tmp_path / "sweep.nc")
+    with xr.open_dataset(tmp_path / "sweep.nc") as read:
+        assert read.attrs["design"] == design.__name__
+        assert (read.z.attrs["lowest"], read.z.attrs["highest"]) == (2, 3)

@@ -1,0 +1,108 @@
+"""What would be measured of a state: its own entries by name, or what a user's function makes of it, checked."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..mechanics.scene import State
+from ..validation.asked import Asked, kind_of
+from .motions import entries, picks
+
+
+class StateObserver(eqx.Module):
+    """Entries of (q, v), or of x. Hashable and comparable, so that a second fit of the same columns compiles
+    nothing."""
+
+    picks: tuple[int, ...] = eqx.field(static=True)
+
+    def __call__(self, scene, t, *state):
+        del scene, t
+        return entries(state)[np.array(self.picks, int)]
+
+
+class NamedObserver(eqx.Module):
+    """An observation function with its result in the order of the columns."""
+
+    function: Callable[..., Any] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, scene, t, *state):
+        seen: Any = self.function(scene, t, *state)
+        if isinstance(seen, Mapping):
+            seen = [seen[name] for name in self.names]
+        return jnp.stack([jnp.asarray(entry) for entry in seen]) if _is_list(seen) else jnp.atleast_1d(seen)
+
+
+def observer(observe: Callable[..., Any] | None, scene, start: tuple, names: tuple[str, ...]) -> Callable[..., Any]:
+    """The observation function, checked against the columns.
+
+    Raises: ValueError or TypeError if what it returns does not fit the columns.
+    """
+    if not names:
+        return StateObserver(())
+    if observe is None:
+        return StateObserver(picks(names, start))
+    state = (start[0].q, start[0].v) if isinstance(start[0], State) else (jax.tree.map(jnp.asarray, start[0]),)
+    form = "observe(scene, t, q, v)" if isinstance(start[0], State) else "observe(system, t, x)"
+    seen = eqx.filter_eval_shape(Asked(form, observe), scene, jnp.zeros(()), *state)
+    if isinstance(seen, Mapping):
+        _check_mapping(seen, names)
+    elif _is_list(seen):
+        _check_list(seen, names)
+    else:
+        _check_array(seen, names)
+    return NamedObserver(observe, names)
+
+
+def _check_mapping(seen: Mapping, names: tuple[str, ...]) -> None:
+    unknown = [name for name in names if name not in seen]
+    if unknown:
+        raise ValueError(
+            f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}."
+        )
+    for name in names:
+        _check_scalar(name, seen[name])
+
+
+def _check_list(seen: Any, names: tuple[str, ...]) -> None:
+    if len(seen) != len(names):
+        raise ValueError(
+            f"`observe` must return one number for each of {list(names)}, but returns a {type(seen).__name__} of "
+            f"{len(seen)}."
+        )
+    for name, entry in zip(names, seen, strict=True):
+        _check_scalar(name, entry)
+
+
+def _check_scalar(name: str, entry: Any) -> None:
+    """A column of shape (1,) would be spread over all samples, in silence."""
+    if _shape(entry) != ():
+        raise ValueError(
+            f"`observe` must return a scalar of shape () for the column {name!r}, but returns shape {_shape(entry)}. "
+            "Choose an entry: q[0] in place of q."
+        )
+
+
+def _check_array(seen: Any, names: tuple[str, ...]) -> None:
+    if seen is None:
+        raise TypeError("`observe` must return what was measured, but returns None: is a `return` missing?")
+    if _shape(seen) not in ((len(names),), () if len(names) == 1 else None):
+        raise ValueError(f"`observe` must return shape ({len(names)},) for {list(names)}, but returns {_shape(seen)}.")
+
+
+def _is_list(seen: Any) -> bool:
+    return isinstance(seen, list | tuple)
+
+
+def _shape(entry: Any) -> tuple[int, ...]:
+    """Raises: TypeError for what is no array and no number."""
+    if not (hasattr(entry, "shape") or isinstance(entry, int | float)):
+        raise TypeError(
+            "`observe` must return an array, or a mapping of column names to scalars, but there is "
+            f"{kind_of(entry)}."
+        )
+    return np.shape(entry)

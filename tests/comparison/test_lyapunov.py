@@ -1,0 +1,28 @@
+"""Growth of variations, against a closed form."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hybridsens as hs
+
+
+class Saddle(hs.AbstractHybridSystem):
+    """a' = a, b' = -b, without events."""
+
+    def flow(self, t, x, mode):
+        return {"a": x["a"], "b": -x["b"]}
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+@pytest.mark.parametrize("state", [{"a": 1, "b": 2}, {"a": 1.0, "b": 2}])
+def test_numbers_of_the_state_may_be_integers(state):
+    """Assert that what `solve` takes as x0 grows by e, and has exponent 1."""
+    found = hs.lyapunov(Saddle(), state, t1=1.0)
+    np.testing.assert_allclose(found.matrix, np.diag([np.e, 1 / np.e]), rtol=1e-6)
+    assert float(found.exponent) == pytest.approx(1, rel=1e-6)

@@ -1,0 +1,102 @@
+"""What `fit` says of arguments that cannot be meant, before it compiles anything."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hybridsens.estimation import GrowingHorizon, fit, read_measurements
+from hybridsens.estimation.arguments import check_limits, check_robust, check_strategy, chosen_starts
+from hybridsens.estimation.given import by_name
+from hybridsens.estimation.parameters import select
+from hybridsens.estimation.prepare import prior
+from hybridsens.estimation.store import Store
+from tests.problems.sawtooth import Sawtooth
+
+GUESS = Sawtooth(2.0, 1.0)
+RECORD = {"t": [0.1, 0.2], "x": [0.8, 0.6], "sigma_x": [0.1, 0.1]}
+DATA = read_measurements(RECORD)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        ({"slope": 3.0}, r"bounds of 'slope' must be \"positive\" or a pair \(lo, hi\), .* but are 3.0"),
+        ({"slope": (0, 1, 2)}, r"bounds of 'slope' must be .* a pair .* but are \(0, 1, 2\)"),
+        ({"slope": ("a", 3.0)}, r"bounds of 'slope' must be numbers with lo < hi, but are \('a', 3.0\)"),
+    ],
+)
+def test_bounds_that_are_no_pair_of_numbers_are_shown(bounds, message):
+    """Assert that the message names the parameter and what was given."""
+    with pytest.raises(ValueError, match=message):
+        fit(GUESS, RECORD, bounds=bounds)
+
+
+@pytest.mark.parametrize("given", [3.0, (1.0, "a"), (np.nan, 1.0), (1.0, 0.0)])
+def test_a_prior_that_is_no_pair_of_numbers_is_shown(given):
+    """Assert that the message names the parameter and what was given."""
+    with pytest.raises(ValueError, match=r"prior of 'slope' must be a pair \(mean, sigma\)") as refused:
+        prior(select(GUESS, "slope"), {"slope": given})
+    assert f"but is {given}" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        (lambda: by_name("bounds", (0, 1)), "`bounds` must be a mapping by names of parameters, but is tuple"),
+        (lambda: chosen_starts(2.0), r"`starts`, if it is not RandomStarts.*, must be an integer >= 1, but is 2.0"),
+        (lambda: chosen_starts(0), "`starts`.* must be an integer >= 1, but is 0"),
+        (lambda: check_strategy(GrowingHorizon), r"`strategy` must be a GrowingHorizon\(\) or None, but is the class"),
+        (lambda: check_strategy("growing"), r"`strategy` must be a GrowingHorizon\(\) or None, but is 'growing'"),
+        (lambda: check_limits("3", 20), "`max_iterations` must be an integer >= 1, but is '3'"),
+        (lambda: check_limits(100, 2.5), "`patience` must be an integer >= 1, but is 2.5"),
+        (lambda: check_robust("a", DATA), "`robust` must be a positive number or None, but is 'a'"),
+        (lambda: check_robust(np.nan, DATA), "`robust` must be a positive number or None, but is nan"),
+    ],
+)
+def test_an_argument_that_cannot_be_meant_is_shown_with_what_it_must_be(check, message):
+    """Assert that the message names the argument and shows what was given."""
+    with pytest.raises((ValueError, TypeError), match=message):
+        check()
+
+
+@pytest.mark.parametrize("count", [3, np.int64(3), np.asarray(3)])
+def test_a_number_of_starts_may_be_one_of_numpy(count):
+    """Assert that it is a count as a Python integer is."""
+    assert chosen_starts(count).count == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{slope:", "must be a JSON file, but .*best.json is none"),
+        ("[1]", r"names and numbers, but .*best.json has \[1\]"),
+        ('{"slope": "a"}', r"names and numbers, but .*best.json has \{'slope': 'a'\}"),
+        ('{"top": 1.0}', r"of the same parameters \('slope',\), but .*best.json has \('top',\)"),
+        ('{"slope": -1.0}', r"value in .*best.json of 'slope' must lie within its bounds \[0.0, inf\], but is -1.0"),
+        ('{"slope": NaN}', "but is nan"),
+    ],
+)
+def test_a_store_that_holds_no_values_is_named(text, message, tmp_path):
+    """Assert that the file is named, and what it holds."""
+    path = tmp_path / "best.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message) as refused:
+        fit(GUESS, RECORD, parameters="slope", bounds={"slope": "positive"}, store=path)
+    assert not isinstance(refused.value, json.JSONDecodeError)
+
+
+def test_a_store_that_cannot_be_written_is_refused_at_once(tmp_path):
+    """Assert that a folder, and a file in a folder that is not there, are named before the fit, not after it."""
+    for path, message in ((tmp_path, "is a folder"), (tmp_path / "no" / "x.json", "a folder that does not exist")):
+        with pytest.raises(ValueError, match=message):
+            fit(GUESS, RECORD, parameters="slope", store=path)
+
+
+def test_a_store_gives_back_what_it_was_given(tmp_path):
+    """Assert that values on a bound, too, are read as they were written."""
+    selection = select(GUESS, ["slope", "top"], {"slope": (1.0, 3.0)})
+    store = Store(tmp_path / "best.json", selection)
+    assert store.read() is None
+    store.write(np.array([np.pi / 2, 0.5]))
+    np.testing.assert_array_equal(store.read(), [3.0, 0.5])

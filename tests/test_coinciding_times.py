@@ -1,0 +1,93 @@
+"""Known times that fall together: a dose and a jump of the flow, two ticks of a clock. Against closed forms."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import hybridsens as hs
+from tests.closeness import assert_close
+
+DECAY, END = 0.2, 10.0
+
+
+class Infusion(hs.AbstractHybridSystem):
+    """An infusion starts at a jump time; a dose comes at a scheduled time, or where a guard of time falls."""
+
+    dose_time: jax.Array
+    start: jax.Array
+    guarded: bool
+
+    def flow(self, t, x, mode):
+        return -DECAY * x + jnp.where(t > self.start, 2.0, 0.0)
+
+    def guards(self, t, x, mode):
+        return jnp.where(mode > 0, 1.0, self.dose_time - t)[None] if self.guarded else jnp.zeros(0)
+
+    def scheduled_times(self, x, mode):
+        return None if self.guarded else self.dose_time[None]
+
+    def jump_times(self):
+        return self.start[None]
+
+    def transition(self, event, t, x, mode):
+        return x + 5.0, mode + 1
+
+
+def left(times, guarded, adjoint=None):
+    return hs.solve(Infusion(times[0], times[1], guarded), 0.0, 0, t1=END, adjoint=adjoint).final
+
+
+def left_exactly(times):
+    dose_time, start = times
+    return 5 * jnp.exp(-DECAY * (END - dose_time)) + 2 / DECAY * (1 - jnp.exp(-DECAY * (END - start)))
+
+
+APART = jnp.array([-1e-2, -1e-14, -4e-15, -4.5e-16, 0.0, 4.5e-16, 4e-15, 1e-14, 1e-2])
+"""How much later than the infusion the dose comes: the clock takes 1e-14 to pass a jump time."""
+
+
+@pytest.mark.parametrize("guarded", [False, True], ids=["scheduled", "guard"])
+@pytest.mark.parametrize("method", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
+def test_a_dose_at_a_jump_time_has_its_own_derivative(guarded, method):
+    adjoint = hs.ForwardSensitivities() if method is jax.jacfwd else None
+    times = jnp.stack([3 + APART, jnp.full_like(APART, 3.0)], axis=1)
+    found = jax.jit(jax.vmap(method(lambda times: left(times, guarded, adjoint))))(times)
+    assert_close(found, jax.vmap(jax.grad(left_exactly))(times), 1e-7)
+
+
+class Clock(hs.AbstractHybridSystem):
+    """A clock that reads its ticks from a list."""
+
+    at: jax.Array
+
+    def flow(self, t, x, mode):
+        return -DECAY * x
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def scheduled_times(self, x, mode):
+        return jnp.where(mode < self.at.size, self.at[jnp.minimum(mode, self.at.size - 1)], jnp.inf)[None]
+
+    def transition(self, event, t, x, mode):
+        return x + 5.0, mode + 1
+
+
+def ticked(at):
+    return hs.solve(Clock(at), 0.0, 0, t1=END).final
+
+
+def test_a_clock_may_tick_twice_in_one_instant():
+    at = jnp.array([1.0, 3.0, jnp.nextafter(jnp.array(3.0), 4.0), 5.0])
+    each = 5 * jnp.exp(-DECAY * (END - at))
+    assert_close(ticked(at), jnp.sum(each), 1e-8)
+    assert_close(jax.grad(ticked)(at), DECAY * each, 1e-7)
+
+
+def test_a_tick_that_is_moved_into_the_past_comes_at_once():
+    at = jnp.array([1.0, 3.0, 2.0, 5.0])
+    came = jnp.array([1.0, 3.0, 3.0, 5.0])
+    each = 5 * jnp.exp(-DECAY * (END - came))
+    assert_close(ticked(at), jnp.sum(each), 1e-8)
+    moves_with = jnp.array([DECAY * each[0], DECAY * (each[1] + each[2]), 0.0, DECAY * each[3]])
+    assert_close(jax.grad(ticked)(at), moves_with, 1e-7)
