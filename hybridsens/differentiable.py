@@ -1,13 +1,18 @@
 """A hybrid system's motion with its exact gradient: the segment loop, and the backward pass as its custom VJP."""
 
+from functools import partial
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 
 from .adjoint.methods import AbstractGradientMethod, Replay
+from .forward.short_record import is_whole, lengthened, shortened
 from .passes import BackwardOptions, Options, Problem, go_back, go_forward
 from .reported import Reported, report
 from .validation.direction import FORWARD_OVER_REVERSE, forward_only
-from .xla.batches import map_batch_on_cpu
+from .xla.batches import Done, map_batch_on_cpu
 from .xla.packed import Packed, pack
 from .xla.single_kernel import in_one_kernel
 from .xla.trace_cache import TracedOnce
@@ -46,26 +51,37 @@ def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
     return forward_only(_backward(problem, options, motion, cotangent, way), FORWARD_OVER_REVERSE)
 
 
-def _forward(problem: Problem, options: Options) -> tuple[Reported, Packed]:
-    """Report and full record. A CPU's batch keeps no records: `_backward` runs its elements again."""
+class _Record(NamedTuple):
+    """What the way back needs of a motion. Both are zeros, of a motion not begun, where they were not kept."""
+
+    short: Packed
+    """Of an element of a batch: the first rows."""
+    full: Packed
+    """Of a motion by itself."""
+
+
+def _forward(problem: Problem, options: Options) -> tuple[Reported, _Record]:
+    """Report and record. Of a batch on a CPU, where all its records would be large, only short ones are kept."""
     dynamic, static = eqx.partition((problem, options), eqx.is_array)
     room = options.method.max_events
     go = lambda dynamic: go_forward(*eqx.combine(dynamic, static))
 
     def element(dynamic):
         motion, samples = go(dynamic)
-        return report(motion, samples, room), pack((motion, samples))
+        return Done(report(motion, samples, room), pack(shortened(motion)), pack((motion, samples)))
 
     def unbatched(dynamic):
         packed = in_one_kernel(go)(dynamic)
         motion, samples = packed.unpack()
-        return report(motion, samples, room), packed
+        none = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(lambda: pack(shortened(motion))))
+        return Done(report(motion, samples, room), none, packed)
 
-    return map_batch_on_cpu(element, unbatched)(dynamic)
+    done = map_batch_on_cpu(element, unbatched)(dynamic)
+    return done.result, _Record(done.kept, done.residuals)
 
 
 def _backward(
-    problem: Problem, options: Options, record: Packed, cotangent: Reported, way: BackwardOptions
+    problem: Problem, options: Options, record: _Record, cotangent: Reported, way: BackwardOptions
 ) -> Problem:
     """Cotangents of the problem from those of the report (None where nothing depends on an entry)."""
     dynamic, static = eqx.partition((problem, options), eqx.is_array)
@@ -74,21 +90,32 @@ def _backward(
         problem, options = eqx.combine(dynamic, static)
         return go_back(problem, options, motion, cotangent.observed, way)
 
-    def element(dynamic, record, cotangent):
-        return back(dynamic, record.unpack()[0], cotangent), None
+    def again(dynamic):
+        return go_forward(*eqx.combine(dynamic, static))[0]
 
-    def unbatched(dynamic, record, cotangent):
-        return in_one_kernel(lambda *given: element(*given)[0])(dynamic, record, cotangent).unpack(), None
+    def alone(dynamic, full, cotangent):
+        return back(dynamic, full.unpack()[0], cotangent)
 
-    def element_of_batch(batched, dynamic, record, cotangent):
-        problem_batched, record_batched, _ = batched
-        again = lambda: go_forward(*eqx.combine(dynamic, static))[0]
-        if problem_batched and not record_batched:
-            return back(dynamic, again(), cotangent), None
+    def element(dynamic, short, full, cotangent):
+        return Done(alone(dynamic, full, cotangent))
+
+    def unbatched(dynamic, short, full, cotangent):
+        return Done(in_one_kernel(alone)(dynamic, full, cotangent).unpack())
+
+    def run_again(dynamic, short, full, cotangent):
+        return Done(back(dynamic, again(dynamic), cotangent))
+
+    def from_kept(dynamic, short, full, cotangent, *, full_batched):
+        short, full = short.unpack(), full.unpack()[0]
+        motion = jax.lax.cond(is_whole(short, full), lambda: lengthened(short, full), lambda: again(dynamic))
+        if full_batched:  # kept in forward mode; or zeros, to which a `lax.cond` on the way gave an axis
+            motion = jax.lax.cond(full.begun, lambda: full, lambda: motion)
+        return Done(back(dynamic, motion, cotangent))
+
+    def choice(batched):
+        problem_batched, short_batched, full_batched, _ = batched
         if not problem_batched:
-            return element(dynamic, record, cotangent)
-        # A `lax.cond` on the way gives a batch axis to records that were not kept too: they are zeros, so never begun.
-        kept = record.unpack()[0]
-        return back(dynamic, jax.lax.cond(kept.begun, lambda: kept, again), cotangent), None
+            return None  # the axis is of the cotangents alone
+        return partial(from_kept, full_batched=full_batched) if short_batched or full_batched else run_again
 
-    return map_batch_on_cpu(element, unbatched, element_of_batch)(dynamic, record, cotangent)[0]
+    return map_batch_on_cpu(element, unbatched, choice)(dynamic, *record, cotangent).result
