@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from .adjoint.methods import AbstractGradientMethod, Replay
+from .forward.record import Motion
 from .forward.short_record import is_whole, lengthened, shortened
 from .passes import BackwardOptions, Options, Problem, go_back, go_forward
 from .reported import Reported, report
@@ -54,7 +55,7 @@ def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
 class _Record(NamedTuple):
     """What the way back needs of a motion. Both are zeros, of a motion not begun, where they were not kept."""
 
-    short: Packed
+    short: Motion
     """Of an element of a batch: the first rows."""
     full: Packed
     """Of a motion by itself."""
@@ -68,12 +69,12 @@ def _forward(problem: Problem, options: Options) -> tuple[Reported, _Record]:
 
     def element(dynamic):
         motion, samples = go(dynamic)
-        return Done(report(motion, samples, room), pack(shortened(motion)), pack((motion, samples)))
+        return Done(report(motion, samples, room), shortened(motion), pack((motion, samples)))
 
     def unbatched(dynamic):
         packed = in_one_kernel(go)(dynamic)
         motion, samples = packed.unpack()
-        none = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(lambda: pack(shortened(motion))))
+        none = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(shortened, motion))
         return Done(report(motion, samples, room), none, packed)
 
     done = map_batch_on_cpu(element, unbatched)(dynamic)
@@ -106,7 +107,7 @@ def _backward(
         return Done(back(dynamic, again(dynamic), cotangent))
 
     def from_kept(dynamic, short, full, cotangent, *, full_batched):
-        short, full = short.unpack(), full.unpack()[0]
+        full = full.unpack()[0]
         motion = jax.lax.cond(is_whole(short, full), lambda: lengthened(short, full), lambda: again(dynamic))
         if full_batched:  # kept in forward mode; or zeros, to which a `lax.cond` on the way gave an axis
             motion = jax.lax.cond(full.begun, lambda: full, lambda: motion)
