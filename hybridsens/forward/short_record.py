@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool
 from .record import Motion
 
 _STEPS = 512
-_EVENTS = 64
+_EVENTS = 128
 """Rows that are kept. The more, the more is copied for every motion; the fewer, the more motions are run again."""
 
 
