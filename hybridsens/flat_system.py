@@ -114,6 +114,11 @@ class AbstractFlatSystem(eqx.Module):
     ) -> tuple[Float[Array, "state"], PyTree[Array]]:
         """The smooth part: the state just after, R(t, x-), and what the event emits (an impulse, say)."""
 
+    def fires_at_once(self, event: Int[Array, ""], mode: Mode) -> Bool[Array, ""] | bool:
+        """Whether the event before has put guard `event` below zero. Then it may be the same one again."""
+        del event, mode
+        return False
+
     def project(self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Float[Array, "state"]:
         """Put a state that drifted by rounding and truncation back on its mode's constraints; by default nothing."""
         del t, mode

@@ -157,7 +157,7 @@ class FlattenedSystem(AbstractFlatSystem):
         expected = (mode.expected & ~came) | (shown.times > t) | moved
         watched = WatchedMode(given, watch, expected)
         # A time that falls together with a jump time has passed when the clock stands behind it: nothing has moved it.
-        at_once = mode.watch.fires_at_once(event) | jnp.any(came & (times < t - jump_window(t)))
+        at_once = self.fires_at_once(event, mode) | jnp.any(came & (times < t - jump_window(t)))
         return _decision(watched, origin, shown, at_once, rises)
 
     def _transition(self, event, t, x, given):
@@ -178,6 +178,9 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def is_silent(self, event, mode: WatchedMode):
         return mode.watch.is_silent(event)
+
+    def fires_at_once(self, event, mode: WatchedMode):
+        return mode.watch.fires_at_once(event)
 
     def jump_times(self):
         """Those declared, by the caller or by the system."""

@@ -42,7 +42,7 @@ class AbstractHybridSystem(eqx.Module):
 
     - A guard that the motion passes through, because the transition changes neither its value nor its meaning, must
       rise above 0 before it can fall again (a section that is only recorded). So must one that starts below 0.
-    - A guard that a transition puts below 0 fires at once.
+    - A guard that a transition puts below 0 fires at once, also the one whose event it was: a reset that subtracts.
     - Where several guards fall at once they fire one after the other, each only if it still is at 0 and falling.
     """
 

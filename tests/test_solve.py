@@ -137,6 +137,39 @@ def test_a_guard_may_start_on_zero_without_a_rate():
     assert_close(jax.grad(lambda full: final(full).final)(jnp.array(0.3)), jnp.array(1.0), 1e-9)
 
 
+class Subtracting(hs.AbstractHybridSystem):
+    """A leaking store that gives off 1 at a time as long as it holds more; it is filled at a given time."""
+
+    amount: jax.Array
+    at: jax.Array
+
+    def flow(self, t, x, mode):
+        return -x
+
+    def guards(self, t, x, mode):
+        return (1.0 - x)[None]
+
+    def scheduled_times(self, x, mode):
+        return self.at[None]
+
+    def transition(self, event, t, x, mode):
+        return jnp.where(event == 0, x - 1.0, x + self.amount), mode
+
+
+@BOTH
+def test_a_guard_that_its_own_event_leaves_below_zero_fires_again(adjoint):
+    """Filled by 3.3 at 0.5 it gives off three times at once: x(1) = (x0 e^-0.5 + 3.3 - 3) e^-0.5."""
+    final = lambda p, adjoint: hs.solve(Subtracting(*p[:2]), p[2], t1=1.0, max_events=8, adjoint=adjoint, **TIGHT).final
+    exact = lambda p: (p[2] * jnp.exp(-p[1]) + p[0] - 3.0) * jnp.exp(p[1] - 1.0)
+    p = jnp.array([3.3, 0.5, 0.2])
+    value, slope = jacobian(final, adjoint)(p)
+    assert_close(value, exact(p), 1e-11)
+    assert_close(slope, jax.grad(exact)(p), 1e-10)
+    too_much = hs.solve(Subtracting(jnp.array(20.0), jnp.array(0.5)), 0.2, t1=1.0, max_events=4, throw=False)
+    assert too_much.status == hs.Status.max_events_reached
+    np.testing.assert_array_equal(too_much.events.guard, [1, 0, 0, 0])
+
+
 def test_what_chatters_says_so():
     """One threshold both ways; and what is raised shows the modes."""
     room = Thermostat(*map(jnp.array, (0.3, 10.0, 9.0, 20.0, 20.0)))

@@ -68,8 +68,9 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     at_jump_time = is_jump(end.guard)
     hidden = at_jump_time | system.is_silent(end.guard, motion.mode)
     full = ~hidden & (events.count - motion.unreported >= events.room)
-    # A scheduled time comes again only where an event moves it.
+    # A scheduled time comes again only where an event moves it, a guard at one instant where its event put it below 0.
     again = motion.begun & (end.guard == motion.last_guard) & (end.guard < guard_count(system, motion))
+    again &= jnp.logical_not(system.fires_at_once(end.guard, motion.mode))
     again &= t - motion.last_event_time <= time_resolution(t, 1)
     passes = end.event & ~full & ~again
     recorded = passes & motion.begun

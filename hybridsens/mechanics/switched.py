@@ -154,7 +154,7 @@ class SwitchedSystem(AbstractFlatSystem):
             kind=jnp.where(falls, EventKind.SWITCH, contacts.kind),
             detail=SwitchDetail(contacts.detail, jnp.where(falls, number, -1), mode.own),
             status=Status.where(rises, Status.running, contacts.status),
-            at_once=mode.watch.fires_at_once(number),
+            at_once=self.fires_at_once(event, mode),
             silent=rises,
         )
 
@@ -178,6 +178,9 @@ class SwitchedSystem(AbstractFlatSystem):
 
     def is_silent(self, event, mode: SwitchedMode):
         return mode.watch.is_silent(event - mode.contacts.active.shape[0])
+
+    def fires_at_once(self, event, mode: SwitchedMode):
+        return mode.watch.fires_at_once(event - mode.contacts.active.shape[0])
 
     def jump_times(self):
         return self.contacts.jump_times()

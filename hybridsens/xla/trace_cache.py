@@ -44,6 +44,9 @@ class TracedOnce(AbstractFlatSystem):
     def is_silent(self, event, mode):
         return self.system.is_silent(event, mode)
 
+    def fires_at_once(self, event, mode):
+        return self.system.fires_at_once(event, mode)
+
     def projects(self, mode):
         return self.system.projects(mode)
 
