@@ -1,22 +1,34 @@
-"""A hybrid system's motion with its exact gradient: the segment loop, and the backward pass as its custom VJP."""
+"""A hybrid system's motion with its exact derivatives: the segment loop, the backward pass as its custom VJP, and the
+variation of both where they are differentiated forward."""
 
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .forward.record import Motion
 from .forward.short_record import is_whole, lengthened, shortened
-from .passes import BackwardOptions, Options, Problem, go_back, go_forward
+from .passes import BackwardOptions, Options, Problem, go_back, go_forward, vary_forward
 from .reported import Reported, report
 from .validation.direction import FORWARD_OVER_REVERSE, forward_only
-from .xla.batches import Done, map_batch_on_cpu
+from .xla.batches import Done, Mapped
 from .xla.packed import Packed, pack
 from .xla.single_kernel import in_one_kernel
 from .xla.trace_cache import TracedOnce
+
+
+class Record(NamedTuple):
+    """What a derivative needs of a motion. Both are zeros, of a motion not begun, where they were not kept."""
+
+    short: Motion
+    """Of an element of a batch: the first rows."""
+    full: Packed
+    """Of a motion by itself."""
 
 
 def differentiable_motion(
@@ -30,20 +42,20 @@ def differentiable_motion(
     # JAX traces the rule below under the mesh that it finds, named; were it not named here, all would be traced twice.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
         if adjoint is not None and adjoint.forward_mode:
-            return _forward(problem, options)[0]
+            return _move(problem, options)[0]
         return _solve_in_reverse(problem, options, adjoint or Replay())
 
 
 @eqx.filter_custom_vjp
 def _solve_in_reverse(problem: Problem, options: Options, adjoint: AbstractGradientMethod) -> Reported:
     del adjoint
-    return _forward(problem, options)[0]
+    return _move(problem, options)[0]
 
 
 @_solve_in_reverse.def_fwd
 def _solve_fwd(perturbed, problem, options, adjoint):
     del perturbed, adjoint
-    return _forward(problem, options)
+    return _move(problem, options)
 
 
 @_solve_in_reverse.def_bwd
@@ -52,16 +64,7 @@ def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
     return forward_only(_backward(problem, options, motion, cotangent, way), FORWARD_OVER_REVERSE)
 
 
-class _Record(NamedTuple):
-    """What the way back needs of a motion. Both are zeros, of a motion not begun, where they were not kept."""
-
-    short: Motion
-    """Of an element of a batch: the first rows."""
-    full: Packed
-    """Of a motion by itself."""
-
-
-def _forward(problem: Problem, options: Options) -> tuple[Reported, _Record]:
+def _move(problem: Problem, options: Options) -> tuple[Reported, Record]:
     """Report and record. Of a batch on a CPU, where all its records would be large, only short ones are kept."""
     dynamic, static = eqx.partition((problem, options), eqx.is_array)
     room = options.method.max_events
@@ -77,46 +80,56 @@ def _forward(problem: Problem, options: Options) -> tuple[Reported, _Record]:
         none = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(shortened, motion))
         return Done(report(motion, samples, room), none, packed)
 
-    done = map_batch_on_cpu(element, unbatched)(dynamic)
-    return done.result, _Record(done.kept, done.residuals)
+    def vary(arguments, done, tangents):
+        """Forward mode, and the forward pass of forward over reverse. A record does not vary: it is followed anew."""
+        asked, record = eqx.combine(arguments[0], static), Record(done.kept, done.residuals)
+        varied = _from_record(vary_forward, asked, record, tangents[0][0], directions=True)
+        return jax.tree.map(lambda _: None, done.result)._replace(observed=varied)
+
+    done = Mapped(element, unbatched, vary=vary)(dynamic)
+    return done.result, Record(done.kept, done.residuals)
 
 
 def _backward(
-    problem: Problem, options: Options, record: _Record, cotangent: Reported, way: BackwardOptions
+    problem: Problem, options: Options, record: Record, cotangent: Reported, way: BackwardOptions
 ) -> Problem:
     """Cotangents of the problem from those of the report (None where nothing depends on an entry)."""
-    dynamic, static = eqx.partition((problem, options), eqx.is_array)
+    return _from_record(go_back, (problem, options, way), record, cotangent.observed)
 
-    def back(dynamic, motion, cotangent):
-        problem, options = eqx.combine(dynamic, static)
-        return go_back(problem, options, motion, cotangent.observed, way)
 
-    def again(dynamic):
-        return go_forward(*eqx.combine(dynamic, static))[0]
+def _from_record(function: Callable, asked: tuple, record: Record, given: Any, directions: bool = False) -> Any:
+    """function(*asked, motion, given), also in batches: of the motion that a record stands for, or, where it was not
+    kept, that runs again. Directions run together, and share their steps."""
+    dynamic, static = eqx.partition(asked, eqx.is_array)
 
-    def alone(dynamic, full, cotangent):
-        return back(dynamic, full.unpack()[0], cotangent)
+    def of(motion, dynamic, given):
+        return Done(function(*eqx.combine(dynamic, static), motion, given))
 
-    def element(dynamic, short, full, cotangent):
-        return Done(alone(dynamic, full, cotangent))
+    def again(dynamic):  # a motion varies as the function follows it: to vary it here would be for nothing
+        return go_forward(*eqx.combine(lax.stop_gradient(dynamic), static)[:2])[0]
 
-    def unbatched(dynamic, short, full, cotangent):
-        return Done(in_one_kernel(alone)(dynamic, full, cotangent).unpack())
+    def element(dynamic, short, full, given):
+        return of(full.unpack()[0], dynamic, given)
 
-    def run_again(dynamic, short, full, cotangent):
-        return Done(back(dynamic, again(dynamic), cotangent))
+    def unbatched(dynamic, short, full, given):
+        alone = lambda dynamic, full, given: of(full.unpack()[0], dynamic, given)
+        return in_one_kernel(alone)(dynamic, full, given).unpack()
 
-    def from_kept(dynamic, short, full, cotangent, *, full_batched):
+    def run_again(dynamic, short, full, given):
+        return of(again(dynamic), dynamic, given)
+
+    def from_kept(dynamic, short, full, given, full_batched):
         full = full.unpack()[0]
-        motion = jax.lax.cond(is_whole(short, full), lambda: lengthened(short, full), lambda: again(dynamic))
-        if full_batched:  # kept in forward mode; or zeros, to which a `lax.cond` on the way gave an axis
-            motion = jax.lax.cond(full.begun, lambda: full, lambda: motion)
-        return Done(back(dynamic, motion, cotangent))
+        motion = lax.cond(is_whole(short, full), lambda: lengthened(short, full), lambda: again(dynamic))
+        if full_batched:  # zeros, to which a `lax.cond` on the way gave an axis; or those of that axis
+            motion = lax.cond(full.begun, lambda: full, lambda: motion)
+        return of(motion, dynamic, given)
 
     def choice(batched):
-        problem_batched, short_batched, full_batched, _ = batched
+        problem_batched, short_batched, full_batched = batched[:3]
         if not problem_batched:
-            return None  # the axis is of the cotangents alone
+            return None  # the axis is of cotangents or directions alone
         return partial(from_kept, full_batched=full_batched) if short_batched or full_batched else run_again
 
-    return map_batch_on_cpu(element, unbatched, choice)(dynamic, *record, cotangent).result
+    mapped = Mapped(element, unbatched, choice, frozenset({3} if directions else ()))
+    return mapped(dynamic, *record, given).result

@@ -24,7 +24,7 @@ from .forward.segment_loop import run_segments
 from .forward.solver import TERM, FlowSize, flow_size
 from .numerics.batch_axes import batch_in_front
 from .observables import Observables, filled
-from .reported import in_rows_recorded
+from .reported import in_rows_recorded, report
 from .status import Status
 
 
@@ -56,27 +56,24 @@ class BackwardOptions(NamedTuple):
     by_t1: bool
 
 
-@eqx.filter_custom_jvp
 def _go(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
     """A motion and its samples."""
     motion = _run(problem, options)
-    return batch_in_front((motion, _samples(problem, options, motion)))
+    return motion, _samples(problem, options, motion)
 
 
 go_forward = eqx.filter_jit(_go)  # traced for the value and again for its gradient: the second time it is looked up
 
 
-@_go.def_jvp
-def _go_jvp(primals, tangents):
-    """The variation may take shorter steps; what it varies stays the motion without it, as `jax.linearize` asks."""
-    problem, options = primals
-    motion, samples = go_forward(problem, options)
+def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: Problem) -> Observables:
+    """What of a motion varies with the problem (T6). The variation may take shorter steps; what it varies stays the
+    motion without it, as `jax.linearize` asks."""
 
-    def vary(problem):
+    def observed(problem):
         followed = _follow(problem, options, motion)
-        return followed, _samples(problem, options, followed)
+        return report(followed, _samples(problem, options, followed), options.method.max_events).observed
 
-    return (motion, samples), eqx.filter_jvp(vary, (problem,), (tangents[0],))[1]
+    return eqx.filter_jvp(observed, (problem,), (d_problem,))[1]
 
 
 def _samples(problem: Problem, options: Options, motion: Motion):
@@ -88,26 +85,11 @@ def _samples(problem: Problem, options: Options, motion: Motion):
     return jnp.where(reached[:, None], samples, jnp.nan)  # one that broke off has no states further on
 
 
-@eqx.filter_custom_jvp
 def go_back(
-    problem: Problem, options: Options, motion: Motion, cotangent: Observables, way: BackwardOptions
+    problem: Problem, options: Options, way: BackwardOptions, motion: Motion, cotangent: Observables
 ) -> Problem:
     """Cotangents of the problem from those of what is reported of its motion."""
-    return batch_in_front(_pull_back(problem, options, motion, cotangent, way))
-
-
-@go_back.def_jvp
-def _go_back_jvp(primals, tangents):
-    """Forward over reverse: as in `_go_jvp`."""
-    problem, options, motion, cotangent, way = primals
-    vary = lambda problem, given: _pull_back(problem, options, _follow(problem, options, motion), given, way)
-    d_gradient = eqx.filter_jvp(vary, (problem, cotangent), (tangents[0], tangents[3]))[1]
-    return go_back(*primals), d_gradient
-
-
-def _pull_back(
-    problem: Problem, options: Options, motion: Motion, cotangent: Observables, way: BackwardOptions
-) -> Problem:
+    motion = _follow(problem, options, motion)  # forward over reverse
     system, method = problem.system, options.method
     replay = method.replay_solver(_flow_size(problem, options))
     final = filled(motion.x, cotangent.final)

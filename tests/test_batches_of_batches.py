@@ -15,10 +15,10 @@ LANES = jnp.array([[1.0, 9.81, 0.8], [0.4, 9.81, 0.9], [6.0, 9.81, 0.8], [1.2, 8
 WEIGHTS = jnp.array([[1.0, 0.0], [0.3, -2.0], [0.0, 1.0]])
 
 
-def end(p):
+def end(p, adjoint=None):
     """Where a ball is at the end, and how fast, by p = (q0, g, e)."""
     start = hs.State(p[:1], jnp.zeros(1))
-    settings = dict(rtol=1e-9, atol=1e-9, max_events=16, max_steps=400)
+    settings = dict(rtol=1e-9, atol=1e-9, max_events=16, max_steps=400, adjoint=adjoint)
     final = hs.simulate(RestlessBall(p[1], p[2]), start, t1=1.0, **settings).final
     return jnp.concatenate([final.q, final.v])
 
@@ -30,6 +30,10 @@ def weighted(p, weights):
 jacobian = jax.jit(jax.jacrev(end))
 gradients = jax.grad(weighted)
 hessian = jax.jacfwd(jax.jacrev(end))
+forward = lambda p: end(p, hs.ForwardSensitivities())
+height = lambda p: end(p)[0]
+total = lambda s: jnp.sum(jax.vmap(lambda p: height(s * p))(LANES))
+"""Of all lanes, whose parameters are scaled alike."""
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +70,63 @@ def test_three_axes(alone):
     assert_close(batch.reshape(4, 2, 3), alone, 1e-12)
 
 
+@pytest.fixture(scope="module")
+def hessians():
+    """Of the height of every lane, by all parameters."""
+    compiled = jax.jit(jax.hessian(height))
+    return jnp.stack([compiled(p) for p in LANES])
+
+
+def test_gradients_varied_by_what_only_the_cost_depends_on(alone):
+    """Weights: the motions themselves do not vary. d(J^T w)/dw = J^T, in a batch inside and outside."""
+    inside = jax.vmap(jax.jacfwd(gradients, 1), (0, None))(LANES, WEIGHTS[1])
+    outside = jax.jacfwd(jax.vmap(gradients, (0, None)), 1)(LANES, WEIGHTS[1])
+    assert_close(inside, jnp.swapaxes(alone, 1, 2), 1e-12)
+    assert_close(outside, jnp.swapaxes(alone, 1, 2), 1e-12)
+
+
+def test_a_batch_of_gradients_varied(hessians):
+    """Forward mode outside of a batch."""
+    batch = jax.jit(jax.vmap(jax.grad(height)))
+    expected, ones = hessians.sum(-1), jnp.ones_like(LANES)
+    assert_close(jax.jvp(batch, (LANES,), (ones,))[1], expected, 1e-10)
+    assert_close(jax.linearize(batch, LANES)[1](ones), expected, 1e-10)
+
+
 @pytest.mark.slow
-def test_a_batch_of_second_derivatives():
+def test_second_derivatives_of_a_batch(hessians):
+    """By what all lanes share; of lanes in a batch; of lanes in a loop, whose derivative rules JAX takes apart."""
+    shared = jnp.einsum("lij,li,lj->ij", hessians, LANES, LANES)
+    assert_close(jax.hessian(total)(jnp.ones(3)), shared, 1e-10)
+    assert_close(jax.vmap(jax.hessian(height))(LANES), hessians, 1e-10)
+    looped = jax.hessian(lambda s: jnp.sum(jax.lax.map(lambda p: height(s * p), LANES)))
+    assert_close(looped(jnp.ones(3)), shared, 1e-10)
+
+
+def test_forward_mode_in_batches(alone, hessians):
+    """Jacobians of a batch; forward over forward through a batch."""
+    assert_close(jax.vmap(jax.jacfwd(forward))(LANES), alone, 1e-10)
+    summed = lambda s: jnp.sum(jax.vmap(lambda p: forward(s * p)[0])(LANES))
+    expected = jnp.einsum("lij,li,lj->ij", hessians, LANES, LANES)
+    assert_close(jax.jacfwd(jax.jacfwd(summed))(jnp.ones(3)), expected, 1e-8)
+
+
+@pytest.mark.slow
+def test_a_batch_of_second_derivatives_of_several():
     """Forward over reverse, in a batch of parameters by entries of the result."""
     assert_close(jax.vmap(hessian)(LANES[:2]), jnp.stack([hessian(p) for p in LANES[:2]]), 1e-11)
+
+
+@pytest.mark.slow
+def test_where_all_lanes_run_at_once(alone, monkeypatch):
+    """As on a GPU: reverse and forward mode, and variations of a batch of gradients."""
+    jax.clear_caches()
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert_close(jax.vmap(jax.jacrev(end))(LANES), alone, 1e-10)
+    assert_close(jax.vmap(jax.jacfwd(forward))(LANES), alone, 1e-8)
+    outside = jax.jacfwd(jax.vmap(gradients, (0, None)), 1)(LANES, WEIGHTS[1])
+    assert_close(outside, jnp.swapaxes(alone, 1, 2), 1e-10)
+    jax.clear_caches()
 
 
 @pytest.mark.parametrize("few", ["steps", "events", "bytes"])

@@ -1,17 +1,22 @@
 """How a batch of motions runs: on a CPU one element after the other, elsewhere all elements at once.
 
 A vmapped loop takes as many turns as its slowest element and turns every branch into a selection over all that it
-carries. On a CPU a mapped loop does less work, so `jax.vmap` is answered with `lax.map` there.
+carries. On a CPU a mapped loop does less work, so `jax.vmap` is answered with `lax.map` there. JAX's own functions with
+a rule for batches (`jax.custom_batching.custom_vmap`) cannot be differentiated where only tangents have a batch axis,
+and its custom derivative rules are lost inside of a scan that is differentiated twice: so this is a primitive.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.interpreters import ad, batching, mlir
 
-from ..numerics.batch_axes import batch_in_front
 from .rewriting import rewritten
 
 _ROOM = 256_000_000
@@ -21,7 +26,7 @@ Choice = Callable[[tuple[bool, ...]], Callable | None]
 
 
 class Done(NamedTuple):
-    """What a function gives that is mapped over a batch."""
+    """What a function gives that is mapped over a batch. Only the result varies."""
 
     result: Any
     kept: Any = None
@@ -30,55 +35,126 @@ class Done(NamedTuple):
     """What is kept of one motion alone: zeros stand in its place in a batch."""
 
 
-def map_batch_on_cpu(function: Callable[..., Done], unbatched: Callable[..., Done], choice: Choice | None = None):
-    """`function` of PyTrees of arrays; under `jax.vmap` on a CPU, elements are mapped, in batches of batches too.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Mapped:
+    """`function` of PyTrees of arrays. On a CPU the elements of a batch are mapped, in batches of batches too.
 
-    `unbatched` replaces it on a CPU where there is no batch. Zeros that stand in the place of what a batch has not kept
-    have no batch axis. `choice(batched)` may replace `function` for the elements of a batch; `batched` says for each
-    argument whether any of it has a batch axis, so that residuals that were not kept can be told from those that were.
+    Every axis of a batch is asked on its own. Zeros that stand in the place of what a batch has not kept have no axis.
     """
-    if jax.default_backend() != "cpu":
-        return lambda *given: batch_in_front(function(*given))
-    # JAX's own forward rule of a custom batching rule fails when only tangents have a batch axis (an assertion in
-    # jax 0.10), so forward mode sees the plain function.
-    with_jvp = jax.custom_jvp(_mapped(function, choice, _ROOM, unbatched))
-    with_jvp.defjvp(lambda primals, tangents: _jvp_in_front(function, primals, tangents))
-    return with_jvp
 
+    function: Callable[..., Done]
+    unbatched: Callable[..., Done] | None = None
+    """Replaces the function where there is no batch."""
+    choice: Choice | None = None
+    """choice(batched) may replace the function for the elements of an axis; `batched` says for each argument whether
+    any of it has that axis, so that residuals that were not kept can be told from those that were."""
+    directions: frozenset[int] = frozenset()
+    """Arguments that are directions: an axis of theirs alone is not mapped, all of it runs together."""
+    vary: Callable[[tuple, Done, tuple], Any] | None = None
+    """vary(arguments, done, tangents): how the result varies, if it is known better than by JAX."""
+    room: int = _ROOM
 
-def _mapped(function, choice: Choice | None, room: int, unbatched=None):
-    """`function` of one element, which may be a batch again: every axis is asked on its own, with its own rule."""
-    mapped = jax.custom_batching.custom_vmap(unbatched or function)
-
-    @mapped.def_vmap
-    def rule(axis_size, in_batched, *arguments):
+    def __call__(self, *arguments) -> Done:
         leaves, tree = jax.tree.flatten(arguments)
-        flags = jax.tree.leaves(in_batched)
-        if not any(flags):  # only tangents or cotangents have a batch axis
-            out = _mapped(function, choice, room)(*arguments)
-            return out, jax.tree.map(lambda _: False, out)
-        batched = tuple(any(jax.tree.leaves(flag)) for flag in in_batched)
-        chosen = choice(batched) if choice else None
-        element = _mapped(chosen, None, room) if chosen else _mapped(function, choice, room // axis_size)
-        first = tree.unflatten([leaf[0] if flag else leaf for flag, leaf in zip(flags, leaves, strict=True)])
-        shapes = jax.eval_shape(function, *first)
-        keeps = axis_size * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes.kept)) <= room
+        run = self.unbatched or self.function
+        call, shapes = jax.make_jaxpr(lambda *leaves: run(*tree.unflatten(leaves)), return_shape=True)(*leaves)
+        out_tree = jax.tree.structure(shapes)
+        return out_tree.unflatten(_mapped.bind(*leaves, call=call, made=self, tree=tree, out_tree=out_tree))
 
-        def call(elements):
-            elements = iter(elements)
-            full = tree.unflatten([next(elements) if flag else leaf for flag, leaf in zip(flags, leaves, strict=True)])
-            done = element(*full)
-            return done.result, done.kept if keeps else None
+    def of_elements(self, batched: tuple[bool, ...], axis_size: int) -> "Mapped":
+        """What is done with the elements of an axis."""
+        chosen = self.choice(batched) if self.choice else None
+        narrowed = dataclasses.replace(self, unbatched=None, room=self.room // axis_size)
+        return dataclasses.replace(narrowed, function=chosen, choice=None) if chosen else narrowed
 
-        result, kept = lax.map(rewritten(call), [leaf for flag, leaf in zip(flags, leaves, strict=True) if flag])
-        zeros = lambda tree: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), tree)
-        out = Done(result, kept if keeps else zeros(shapes.kept), zeros(shapes.residuals))
-        whether = lambda tree, flag: jax.tree.map(lambda _: flag, tree)
-        return out, Done(whether(out.result, True), whether(out.kept, keeps), whether(out.residuals, False))
+    def together(self, axes: tuple) -> "Mapped":
+        """What is done with an axis whose elements run at once."""
+        at_once = lambda function: None if function is None else jax.vmap(function, axes)
+        choice, vary = self.choice, self.vary
+        later = None if choice is None else lambda batched: at_once(choice(batched))
+        varied = None if vary is None else jax.vmap(vary, (axes, 0, axes))
+        return dataclasses.replace(self, function=at_once(self.function), unbatched=None, choice=later, vary=varied)
 
-    return mapped
+    def varied(self, count: int) -> "Mapped":
+        """How the result varies: the same of one more argument, the tangents of the `count` others."""
+        choice, along = self.choice, lambda function: None if function is None else _along(function)
+        later = None if choice is None else lambda batched: along(choice(batched[:count]))
+        return Mapped(_along(self.function), None, later, self.directions | {count}, room=self.room)
 
 
-def _jvp_in_front(function, primals, tangents):
-    out, tangent = jax.jvp(function, primals, tangents)
-    return batch_in_front(out), tangent
+def _along(function: Callable[..., Done]) -> Callable[..., Done]:
+    """The derivative of the result along tangents, None for those that are zero."""
+
+    def derivative(*given):
+        *arguments, tangents = given
+        result = lambda *arguments: function(*arguments).result
+        return Done(eqx.filter_jvp(result, tuple(arguments), tangents)[1])
+
+    return derivative
+
+
+def _call(*leaves, call: ClosedJaxpr, **_):
+    return jaxpr_as_fun(call)(*leaves)
+
+
+_mapped = Primitive("mapped")
+_mapped.multiple_results = True
+_mapped.def_impl(_call)
+_mapped.def_abstract_eval(lambda *_, call, **__: call.out_avals)
+mlir.register_lowering(_mapped, mlir.lower_fun(_call, multiple_results=True))
+
+
+def _batch(leaves, axes, *, call, made: Mapped, tree, out_tree):
+    del call
+    flags = [axis is not None for axis in axes]
+    leaves = [leaf if axis is None else jnp.moveaxis(leaf, axis, 0) for leaf, axis in zip(leaves, axes, strict=True)]
+    batched = tuple(any(jax.tree.leaves(argument)) for argument in tree.unflatten(flags))
+    only_directions = {place for place, flag in enumerate(batched) if flag} <= made.directions
+    if only_directions or jax.default_backend() != "cpu":
+        in_axes = tree.unflatten([0 if flag else None for flag in flags])
+        done = made.together(in_axes)(*tree.unflatten(leaves))
+        return jax.tree.leaves(done), [0] * out_tree.num_leaves
+    done, has_axis = _map(made, batched, flags, leaves, tree)
+    return jax.tree.leaves(done), [0 if flag else None for flag in jax.tree.leaves(has_axis)]
+
+
+batching.primitive_batchers[_mapped] = _batch
+
+
+def _map(made: Mapped, batched, flags, leaves, tree) -> tuple[Done, Done]:
+    """One element after the other; and which leaves have the axis then."""
+    given = [leaf for leaf, flag in zip(leaves, flags, strict=True) if flag]
+    size = given[0].shape[0]
+    element = made.of_elements(batched, size)
+
+    def whole(elements):
+        elements = iter(elements)
+        return tree.unflatten([next(elements) if flag else leaf for leaf, flag in zip(leaves, flags, strict=True)])
+
+    shapes = jax.eval_shape(made.function, *whole([leaf[0] for leaf in given]))
+    keeps = size * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes.kept)) <= made.room
+
+    def call(elements):
+        done = element(*whole(elements))
+        return done.result, done.kept if keeps else None
+
+    result, kept = lax.map(rewritten(call), given)
+    zeros = lambda tree: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), tree)
+    whether = lambda tree, flag: jax.tree.map(lambda _: flag, tree)
+    done = Done(result, kept if keeps else zeros(shapes.kept), zeros(shapes.residuals))
+    return done, Done(whether(result, True), whether(shapes.kept, keeps), whether(shapes.residuals, False))
+
+
+def _jvp(leaves, tangents, *, call, made: Mapped, tree, out_tree):
+    out = _mapped.bind(*leaves, call=call, made=made, tree=tree, out_tree=out_tree)
+    arguments, done = tree.unflatten(leaves), out_tree.unflatten(out)
+    zero = lambda tangent: isinstance(tangent, ad.Zero) or tangent.dtype == jax.dtypes.float0
+    tangents = tree.unflatten([None if zero(tangent) else tangent for tangent in tangents])
+    vary = made.vary or (lambda arguments, _, tangents: made.varied(len(arguments))(*arguments, tangents).result)
+    nothing = jax.tree.map(lambda _: None, done)
+    varied = out_tree.flatten_up_to(nothing._replace(result=vary(arguments, done, tangents)))
+    no_tangent = lambda value: ad.Zero(jax.typeof(value).to_tangent_aval())
+    return out, [no_tangent(value) if d is None else d for value, d in zip(out, varied, strict=True)]
+
+
+ad.primitive_jvps[_mapped] = _jvp
