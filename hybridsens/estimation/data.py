@@ -69,7 +69,7 @@ def measurements(
     values: Any = None,
     *,
     sigma: Any = None,
-    names: Sequence[str] | None = None,
+    names: Sequence[str] | str | None = None,
     missing: str = "raise",
     event_times: Any = (),
     event_sigma: Any = None,
@@ -95,6 +95,7 @@ def measurements(
         raise ValueError(f'`missing` must be "raise" or "skip", but is {missing!r}.')
     t = _increasing("times", times)
     y = _values(values, t.size)
+    names = [names] if isinstance(names, str) else names
     labels = tuple(names) if names is not None else tuple(f"q{i}" for i in range(y.shape[1]))
     if len(labels) != y.shape[1] or len(set(labels)) != len(labels):
         raise ValueError(
@@ -105,7 +106,7 @@ def measurements(
     if t.size + np.sum(~np.isnan(events)) == 0:
         raise ValueError("The measurements must have at least one time, but have none.")
     return Measurements(
-        t, y, _sigmas(sigma, y.shape), labels, events, *_event_columns(events, event_sigma, event_contacts)
+        t, y, _sigmas(sigma, y), labels, events, *_event_columns(events, event_sigma, event_contacts)
     )
 
 
@@ -160,17 +161,23 @@ def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
             raise ValueError(f"Column {name!r} must have at least one value, but is NaN everywhere.")
 
 
-def _sigmas(sigma: Any, shape: tuple[int, ...]) -> np.ndarray | None:
+def _sigmas(sigma: Any, y: np.ndarray) -> np.ndarray | None:
     if sigma is None:
         return None
-    s = np.asarray(sigma, float)
+    s, shape = np.asarray(sigma, float), y.shape
+    if s.ndim == 1 and s.shape[0] == shape[0] == shape[1] > 1:
+        raise ValueError(
+            f"`sigma` must say whether it is of rows or of columns where there are {s.shape[0]} of both: give it the "
+            f"shape ({s.shape[0]}, 1) for one in each row, or (1, {s.shape[0]}) for one in each column."
+        )
     s = s[:, None] if s.ndim == 1 and s.shape[0] == shape[0] != shape[1] else s
     try:
         s = np.broadcast_to(s, shape).copy()
     except ValueError as error:
         raise ValueError(f"`sigma` must broadcast to shape {shape}, but has shape {s.shape}.") from error
+    s[np.isnan(y)] = 1.0  # nothing was measured there, however exactly
     if not np.all(s > 0) or not np.all(np.isfinite(s)):
-        raise ValueError("`sigma` must be positive and finite everywhere, and is not.")
+        raise ValueError("`sigma` must be positive and finite wherever there is a value, and is not.")
     return s
 
 

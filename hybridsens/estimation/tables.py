@@ -14,7 +14,7 @@ def read_measurements(
     data: Any,
     *,
     time: str | None = None,
-    columns: Sequence[str] | None = None,
+    columns: Sequence[str] | str | None = None,
     sigma: Any = None,
     missing: str = "raise",
     **events: Any,
@@ -36,6 +36,7 @@ def read_measurements(
     """
     if isinstance(data, Measurements):
         return data
+    columns = [columns] if isinstance(columns, str) else columns
     if isinstance(data, tuple) and len(data) == 2:
         return measurements(*data, sigma=sigma, names=columns, missing=missing, **events)
     table = _as_mapping(data)

@@ -65,6 +65,17 @@ def test_gaps_are_refused_unless_asked_for(tmp_path):
     assert np.isnan(read_measurements(path, missing="skip").values[1, 0])
 
 
+def test_what_could_be_read_in_two_ways():
+    """One name is one column; a gap needs no sigma; a vector of sigmas is refused where rows are as many as columns."""
+    table = {"t": TIMES, "ab": VALUES[:, 0], "a": VALUES[:, 1], "b": VALUES[:, 1]}
+    assert read_measurements(table, columns="ab").names == ("ab",)
+    assert read_measurements((TIMES, VALUES[:, 0]), columns="ab").names == ("ab",)
+    gap = read_measurements({"t": TIMES, "q0": [1.0, np.nan, 2.0], "sigma_q0": [0.1, np.nan, 0.3]}, missing="skip")
+    np.testing.assert_array_equal(gap.sigmas[[0, 2], 0], [0.1, 0.3])
+    with pytest.raises(ValueError, match=r"give it the shape \(2, 1\) for one in each row"):
+        measurements(TIMES[:2], VALUES[:2], sigma=[0.1, 0.2])
+
+
 def test_unknown_columns_and_words_are_refused(tmp_path):
     """Assert that a column that is not there, and a cell that is no number, are named."""
     path = _write(tmp_path, "t,q0\n0.1,1\n0.2,two\n")
