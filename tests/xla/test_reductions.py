@@ -54,6 +54,32 @@ def test_written_out_a_reduction_is_the_same(name, given):
     np.testing.assert_allclose(found, right, rtol=1e-15)
 
 
+OF_ONE_NUMBER = set(REDUCTIONS) - {"rows", "columns", "where in each row", "in a batch"}
+
+
+@pytest.mark.parametrize("name", sorted(OF_ONE_NUMBER))
+@pytest.mark.parametrize("size", [5, 8])
+def test_more_numbers_are_written_out_where_one_is_made_of_them(name, size):
+    x, function = jnp.linspace(-1.3, 2.1, size), REDUCTIONS[name]
+    assert reductions(function, x)
+    assert not reductions(rewritten(function), x)
+    np.testing.assert_allclose(jax.jit(rewritten(function))(x), jax.jit(function)(x), rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize("given", [*GIVEN.values(), [-np.nan], [np.inf], [-np.inf]])
+@pytest.mark.parametrize("search", [jnp.argmax, jnp.argmin, lambda x: jnp.argmax(x > 0), lambda x: jnp.argmin(x > 9)])
+def test_among_many_numbers_the_same_one_is_found(search, given):
+    """By two plain reductions: also the first of several alike, and what is no number before all others."""
+    x = jnp.resize(jnp.array(given), 40)
+    one, rows = search, jax.vmap(search)
+    table = jnp.stack([x, x[::-1], jnp.zeros(40)])
+    for function, argument in ((one, x), (rows, table)):
+        assert "arg" not in str(jax.make_jaxpr(rewritten(function))(argument))
+        found, right = jax.jit(rewritten(function))(argument), jax.jit(function)(argument)
+        assert found.dtype == right.dtype
+        np.testing.assert_array_equal(found, right)
+
+
 @pytest.mark.parametrize("name", ["sum", "largest", "product of vectors", "norm", "rows", "in a loop"])
 def test_its_derivative_is_the_same(name):
     x, function = jnp.array([0.4, -1.3, 2.1]), REDUCTIONS[name]
@@ -64,7 +90,8 @@ def test_its_derivative_is_the_same(name):
 @pytest.mark.parametrize(
     "function",
     [
-        lambda x: jnp.sum(jnp.concatenate([x, x])),
+        lambda x: jnp.sum(jnp.resize(x, 17)),
+        lambda x: jnp.sum(jnp.outer(x, jnp.resize(x, 5)), axis=1),
         lambda x: jnp.sum(jnp.outer(x, x)),
         lambda x: jnp.max(jnp.outer(x, jnp.arange(17.0)), axis=0),
         lambda x: jnp.outer(x, x) @ x,
