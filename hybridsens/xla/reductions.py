@@ -17,7 +17,8 @@ from jax.extend.core import JaxprEqn
 FEW = 8
 """So many numbers are few, where one number is made of them."""
 SHORT = 16
-"""Vectors of so many entries are short: their product is written out."""
+"""Vectors of so many entries are short: their product is written out. Steps are full of them: of a chain of 16 masses
+they take a tenth of the time."""
 VERY_FEW, SMALL = 4, 16
 """So many are few, where a result of up to so many entries is made of them."""
 
