@@ -84,7 +84,9 @@ def _number(path: Path, row: int, column: str, cell: str) -> float:
     if not cell.strip():
         return float("nan")
     try:
-        return float(cell.replace("_", "no number"))  # Python reads 1_000 as a number
+        if "_" in cell:  # Python reads 1_000 as a number
+            raise ValueError("a number has no underscore")
+        return float(cell)
     except ValueError as error:
         raise ValueError(
             f"{path}: row {row} (counted from 0), column {column!r} must be a number, but is {cell!r}."

@@ -1,7 +1,7 @@
 """Reductions of few numbers, written out.
 
-XLA sets up three buffers for every reduction of a program each time that the program is called, thirteen for a search
-of the largest: 0.1 us each, and a motion of ten contacts has ninety reductions. Of few numbers they are compiled as
+XLA sets up three buffers for every reduction of a program each time that the program is called, a dozen for a search of
+the largest: 0.1 us each, and a motion of ten contacts has ninety reductions. Of few numbers they are compiled as
 quickly when written out. Of more they are left to XLA: written out, all that an entry is made from would be compiled
 for each of them.
 """
