@@ -104,7 +104,7 @@ def test_second_derivatives_of_a_batch(hessians):
 
 
 def test_forward_mode_in_batches(alone, hessians):
-    """Jacobians of a batch; forward over forward through a batch."""
+    """Jacobians of a batch; forward over forward through a batch, whose steps are others than those of the Hessians."""
     assert_close(jax.vmap(jax.jacfwd(forward))(LANES), alone, 1e-10)
     summed = lambda s: jnp.sum(jax.vmap(lambda p: forward(s * p)[0])(LANES))
     expected = jnp.einsum("lij,li,lj->ij", hessians, LANES, LANES)
@@ -119,7 +119,7 @@ def test_a_batch_of_second_derivatives_of_several():
 
 @pytest.mark.slow
 def test_where_all_lanes_run_at_once(alone, monkeypatch):
-    """As on a GPU: reverse and forward mode, and variations of a batch of gradients."""
+    """As on a GPU: reverse and forward mode (whose lanes share steps), and variations of a batch of gradients."""
     jax.clear_caches()
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     assert_close(jax.vmap(jax.jacrev(end))(LANES), alone, 1e-10)
