@@ -16,6 +16,9 @@ PLAIN = 2
 """Up to this many unknowns the elimination is so short that it is differentiated as it stands."""
 UNROLLED = 4
 """Up to this many it is written out: it takes n^3 / 6 operations to compile."""
+SMALL = 8
+"""Up to this many all of a matrix is inverted where some of it would do: to look for these takes two loops more, and
+compiling them takes longer than all pivots of many motions."""
 LOOPED = 32
 """Up to this many the inverse is made by a loop of pivots; beyond, the library is faster."""
 
@@ -142,10 +145,12 @@ def solve_masked(
 ) -> Float[Array, "n"]:
     """Solve A_SS x_S = b_S, x = 0 outside S, where `members` is 1 in S and 0 outside (A_SS must be definite).
 
-    Beyond `UNROLLED` by one pivot for every member: what has few members costs little."""
+    Beyond `SMALL` by one pivot for every member: what has few members costs little. (Outside of S it is the identity,
+    which pivots leave as it is.)"""
     masked = matrix * jnp.outer(members, members) + jnp.diag(1 - members)
     if matrix.shape[0] <= UNROLLED:
         return solve_spd(masked, right * members)
     held = lax.stop_gradient(masked)
-    inverse = pivoted_on(held, lax.stop_gradient(members) > 0)  # outside of S it is the identity
+    is_small = matrix.shape[0] <= SMALL
+    inverse = _inverse(held) if is_small else pivoted_on(held, lax.stop_gradient(members) > 0)
     return linear_solve(lambda x: masked @ x, right * members, refined(held, inverse))

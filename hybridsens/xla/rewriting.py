@@ -6,10 +6,11 @@ from typing import Any
 import jax
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, jaxpr_as_fun, jaxprs_in_params
 
+from .long_reductions import long_reduction
 from .reductions import short_reduction
 from .scatters import sum_by_scatter
 
-RULES = (sum_by_scatter, short_reduction)
+RULES = (sum_by_scatter, short_reduction, long_reduction)
 """Each returns a function to be called in the place of an equation of a trace, or None for an equation that stays."""
 
 
@@ -28,8 +29,9 @@ class _Rewriting:
     """The same for a trace and those inside of it."""
 
     def __init__(self):
-        self.done: dict[int, Any] = {}
-        """An inner trace that comes again stays the same object, by which JAX compiles it once."""
+        self.done: dict[int, tuple[Any, Any]] = {}
+        """(before, after) by the identity of what was before: an inner trace that comes again stays the same object,
+        by which JAX compiles it once."""
 
     def of(self, traced):
         """The same trace with its equations replaced; what had none of these is returned as it is."""
@@ -39,14 +41,14 @@ class _Rewriting:
         if id(traced) not in self.done:
             equations = [self.of_equation(equation) for equation in traced.eqns]
             same = all(new is old for new, old in zip(equations, traced.eqns, strict=True))
-            self.done[id(traced)] = traced if same else traced.replace(eqns=equations)
-        return self.done[id(traced)]
+            self.done[id(traced)] = traced, traced if same else traced.replace(eqns=equations)
+        return self.done[id(traced)][1]
 
     def of_equation(self, equation: JaxprEqn) -> JaxprEqn:
         for rule in RULES:
             function = rule(equation)
             if function is not None:
-                return _calling(function, equation)
+                return self.of_equation(_calling(function, equation))  # what a rule makes may be replaced in its turn
         if not any(True for _ in jaxprs_in_params(equation.params)):
             return equation
         is_jaxpr = lambda leaf: isinstance(leaf, Jaxpr | ClosedJaxpr)
