@@ -1,7 +1,7 @@
 """Accuracy against time: error of J and of its gradient over solvers, tolerances, precisions and gradient methods."""
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -70,9 +70,12 @@ def work_precision(
 
     A setting that fails is a point with its reason. float64 needs `hybridsens.configure()` before JAX starts.
 
-    Raises: ValueError for a dtype other than these two, or a `store` that has another ending or the points of something
-    else; SimulationError if the reference fails.
+    Raises: TypeError for one solver, tolerance, method or dtype where a list of them is asked for; ValueError for a
+    dtype other than these two, or a `store` that has another ending or the points of something else; SimulationError if
+    the reference fails.
     """
+    asked = dict(solvers=solvers, tolerances=tolerances, methods=methods, dtypes=dtypes)
+    solvers, tolerances, methods, dtypes = (_listed(name, entries) for name, entries in asked.items())
     unknown = set(dtypes) - {"float64", "float32"}
     if unknown:
         raise ValueError(f'`dtypes` must have entries among "float64" and "float32", but has {sorted(unknown)}.')
@@ -85,7 +88,7 @@ def work_precision(
     reference = reference or tight_reference(flatten_parameters(scene), cost, chosen)
     points = [] if path is None else list(read_points(path, reference.value, chosen))
     combinations = itertools.product(dtypes, solvers, methods)
-    lines = _missing([Line(*combined, tuple(tolerances)) for combined in combinations], points)
+    lines = _missing([Line(*combined, tolerances) for combined in combinations], points)
     measure = lambda line: measure_line(scene, cost, line, reference, chosen)
     try:
         for point in _with_progress(lines, measure, progress):
@@ -95,6 +98,12 @@ def work_precision(
     except KeyboardInterrupt:
         return WorkPrecision(tuple(points), interrupted=True)
     return WorkPrecision(tuple(points))
+
+
+def _listed(name: str, entries: Any) -> tuple:
+    if isinstance(entries, str) or not isinstance(entries, Iterable):
+        raise TypeError(f"`{name}` must be a list, but is {entries!r}. Write {name}=[{entries!r}].")
+    return tuple(entries)
 
 
 def _missing(lines: list[Line], points: Sequence[Point]) -> list[Line]:

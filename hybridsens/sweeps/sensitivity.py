@@ -23,8 +23,8 @@ def sobol_indices(dataset: "xr.Dataset", value: str = "J", confidence: float = 0
     Arguments: the result of a sweep over a `saltelli` design; the scalar result to explain; the level of the bootstrap
     intervals.
     Returns: first_order, total_order (parameter,) and their intervals (parameter, end).
-    Raises: ValueError for another design, or for points that are not all there in its order. Rows with a failed point
-    are left out, with a warning.
+    Raises: ValueError for another design, for points that are not all there in its order, or for a result that is no
+    scalar or the same at all points. Rows with a failed point are left out, with a warning.
     """
     if dataset.attrs.get("design") != "saltelli":
         raise ValueError(
@@ -32,7 +32,8 @@ def sobol_indices(dataset: "xr.Dataset", value: str = "J", confidence: float = 0
         )
     names = _varied(dataset)
     _check_blocks(dataset, names)
-    rows = _complete(dataset[value].values.reshape(len(names) + 2, -1))
+    rows = _complete(_scalar(dataset, value).reshape(len(names) + 2, -1))
+    _check_varies(value, rows)
     ends = np.quantile(_resampled(rows), [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
     data = {}
     for order, name in enumerate(("first_order", "total_order")):
@@ -48,10 +49,12 @@ def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
 
     for p uniform in the box [a, b]. The bound needs a J without jumps over the box: look at `event_sequence`.
     Arguments: the result of a sweep over a `random`, `latin_hypercube`, `sobol` or `saltelli` design, with gradient.
-    Raises: ValueError for points that were not drawn from a box, or a sweep without gradient.
+    Raises: ValueError for points that were not drawn from a box, a sweep without gradient, or a J that is the same at
+    all points.
     """
     names = _varied(dataset)
     good = np.isfinite(dataset.J.values)
+    _check_varies("J", dataset.J.values[good])
     variance = np.var(dataset.J.values[good])
     squares = np.array([np.mean(_derivative(dataset, name)[good] ** 2) for name in names])
     widths = np.array([dataset[name].attrs["highest"] - dataset[name].attrs["lowest"] for name in names])
@@ -87,6 +90,22 @@ def _check_blocks(dataset, names: list[str]) -> None:
         raise ValueError(
             f"The points must be all those of the `saltelli` design in its order, but the {points.shape[1]} points are "
             "not: some are missing or in other places. Give the Dataset as `sweep` returned it."
+        )
+
+
+def _scalar(dataset, value: str) -> np.ndarray:
+    """The values of a result, one a point."""
+    found = [name for name, result in dataset.data_vars.items() if result.dims == dataset.J.dims]
+    if value not in found:
+        raise ValueError(f"`value` must be the name of a scalar result, one of {', '.join(found)}, but is {value!r}.")
+    return dataset[value].values
+
+
+def _check_varies(value: str, values: np.ndarray) -> None:
+    if values.size and np.ptp(values) == 0:
+        raise ValueError(
+            f"{value} must vary over the points for parameters to have shares in its variance, but is "
+            f"{values.flat[0]:.6g} at all of them. Vary what it depends on, or over a wider box."
         )
 
 

@@ -55,6 +55,19 @@ def test_rows_with_a_failed_point_are_left_out_with_a_word(dataset):
     np.testing.assert_allclose(found.first_order, sobol_indices(dataset).first_order, atol=0.01)
 
 
+@pytest.mark.parametrize("measure", [sobol_indices, dgsm])
+def test_a_constant_has_no_shares(measure):
+    """Assert that indices of a result that does not vary are refused, instead of nan."""
+    constant = sweep(lambda scene: 2.0 + 0 * scene["z"], saltelli(SCENE, BOX, 8), progress=False)
+    with pytest.raises(ValueError, match="J must vary over the points.* but is 2 at all of them"):
+        measure(constant)
+
+
+def test_indices_are_those_of_a_scalar_result(dataset):
+    with pytest.raises(ValueError, match="`value` must be the name of a scalar result, one of J.*but is 'energy'"):
+        sobol_indices(dataset, value="energy")
+
+
 def test_indices_need_their_design():
     """Assert that a grid is refused by both."""
     swept = sweep(ishigami, grid(SCENE, {"z": [0.0, 1.0]}), progress=False)
