@@ -1,8 +1,9 @@
-"""Reductions of some dozens of numbers, cut so that XLA compiles them quickly.
+"""Long reductions, cut so that XLA compiles and runs them quickly.
 
 XLA turns a reduction of 32 numbers or more into windows of 32 and what is left of these, and a running sum into as many
 windows as it has numbers. A loop over windows takes LLVM a twentieth of a second to compile: a motion of 64 contacts,
-which had three hundred of them, compiles in three quarters of the time without.
+which had three hundred of them, compiles in three quarters of the time without. And its numbers are taken one after the
+other, where the entries of pieces are taken side by side.
 """
 
 import functools
@@ -17,8 +18,9 @@ from .reductions import PAIRS, is_product_of_vectors
 
 WINDOW = 32
 """So many numbers XLA reduces by windows."""
-LONG = 128
-"""More than so many would be cut into too many pieces: all that an entry is made from is compiled for each piece."""
+PIECES, LONG, LONGEST = 8, 128, 2**14
+"""More than `LONG` numbers are cut into so many pieces, and these again. All that an entry is made from would be
+compiled for each piece then, so it is worked out before. More than `LONGEST` are left to XLA."""
 RUNNING = 64
 """The longest running sum that is made by a product with a triangle of ones, which takes n^2 operations."""
 
@@ -32,7 +34,7 @@ WHOLE = {
 
 
 def long_reduction(equation: JaxprEqn):
-    """The reduction of some dozens of numbers, in pieces; None for another equation."""
+    """The reduction of many numbers, in pieces; None for another equation."""
     name, given = equation.primitive, [variable.aval for variable in equation.invars]
     if name is lax.cumsum_p:
         return _running_sum(given[0], **equation.params)
@@ -47,13 +49,15 @@ def long_reduction(equation: JaxprEqn):
 
 
 def _is_long(count: int) -> bool:
-    return WINDOW <= count <= LONG
+    return WINDOW <= count <= LONGEST
 
 
 def _in_pieces(name, x, axis):
     """Pieces of equal length put together entry by entry; then the entries of these, and those that were left over."""
     count = x.shape[axis]
     length = min(range(WINDOW // 2, WINDOW), key=lambda length: (count % length, -length))
+    if count > LONG:
+        x, length = lax.optimization_barrier(x), count // PIECES
     end = count - count % length
     pieces = [lax.slice_in_dim(x, k, k + length, axis=axis) for k in range(0, end, length)]
     rest = [lax.index_in_dim(x, k, axis, keepdims=False) for k in range(end, count)]
