@@ -35,7 +35,8 @@ WHOLE = {
 
 def long_reduction(equation: JaxprEqn):
     """The reduction of many numbers, in pieces; None for another equation."""
-    name, given = equation.primitive, [variable.aval for variable in equation.invars]
+    name = equation.primitive
+    given: list[Any] = [variable.aval for variable in equation.invars]
     if name is lax.cumsum_p:
         return _running_sum(given[0], **equation.params)
     if name is lax.dot_general_p:
