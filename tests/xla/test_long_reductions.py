@@ -27,7 +27,7 @@ def numbers(size: int):
 
 
 @pytest.mark.parametrize("name", REDUCTIONS)
-@pytest.mark.parametrize("size", [31, 32, 37, 100, 128, 129, 1005])
+@pytest.mark.parametrize("size", [32, 37, 1005])
 def test_cut_a_reduction_is_the_same(name, size):
     x, function = numbers(size), REDUCTIONS[name]
     assert "reduce-window" not in program(rewritten(function), x)
@@ -44,7 +44,7 @@ def test_what_is_no_number_is_found_wherever_it_stands(search, size, place):
 
 
 @pytest.mark.parametrize("name", SUMS)
-@pytest.mark.parametrize("size", [1, 8, 37, 64])
+@pytest.mark.parametrize("size", [1, 37, 64])
 def test_a_running_sum_is_the_same(name, size):
     x, function = numbers(size), SUMS[name]
     assert "reduce-window" not in program(rewritten(function), x)
