@@ -4,6 +4,7 @@ from pathlib import Path
 
 import jax
 import jaxtyping
+import pytest
 
 # The annotations of every function are checked at each call. The hook must be there before the package is imported.
 jaxtyping.install_import_hook("hybridsens", "beartype.beartype")
@@ -30,3 +31,11 @@ def pytest_collection_modifyitems(items):
 jax.config.update("jax_compilation_cache_dir", str(HERE.parent / ".jax_cache"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+@pytest.fixture
+def unchecked():
+    """Without the checks of types that the tests of this package add, as for a user."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)

@@ -24,8 +24,10 @@ compiled for each piece then, so it is worked out before. More than `LONGEST` ar
 RUNNING = 64
 """The longest running sum that is made by a product with a triangle of ones, which takes n^2 operations."""
 
+add_up = functools.partial(jnp.sum, promote_integers=False)
+
 WHOLE = {
-    lax.reduce_sum_p: jnp.sum,
+    lax.reduce_sum_p: add_up,
     lax.reduce_max_p: jnp.max,
     lax.reduce_min_p: jnp.min,
     lax.reduce_or_p: jnp.any,
@@ -42,7 +44,7 @@ def long_reduction(equation: JaxprEqn):
     if name is lax.dot_general_p:
         result: Any = equation.outvars[0].aval
         vectors = is_product_of_vectors(given, result, equation.params) and _is_long(given[0].size)
-        return (lambda a, b: jnp.sum(a * b)) if vectors else None
+        return (lambda a, b: add_up(a * b)) if vectors else None
     if name not in WHOLE or len(equation.params["axes"]) != 1:
         return None
     x, (axis,) = given[0], equation.params["axes"]
@@ -72,4 +74,5 @@ def _running_sum(x, axis, reverse):
     if not jnp.issubdtype(x.dtype, jnp.floating) or not 0 < count <= RUNNING:
         return None
     ones = np.tri(count, dtype=x.dtype)
-    return lambda x: jnp.moveaxis(jnp.tensordot(ones.T if reverse else ones, x, (1, axis)), 0, axis)
+    product = functools.partial(jnp.tensordot, ones.T if reverse else ones, axes=(1, axis), precision="highest")
+    return lambda x: jnp.moveaxis(product(x), 0, axis)

@@ -31,7 +31,7 @@ class _Rewriting:
     def __init__(self):
         self.done: dict[int, tuple[Any, Any]] = {}
         """(before, after) by the identity of what was before: an inner trace that comes again stays the same object,
-        by which JAX compiles it once."""
+        by which JAX compiles it once. Held here, since an identity is free again once its object is gone."""
 
     def of(self, traced):
         """The same trace with its equations replaced; what had none of these is returned as it is."""

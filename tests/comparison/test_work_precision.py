@@ -4,7 +4,6 @@ import csv
 import importlib
 
 import diffrax
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -168,14 +167,6 @@ def test_an_unknown_precision_is_refused():
     """float16 is not one of the two."""
     with pytest.raises(ValueError, match="float16"):
         work_precision(scene(), dtypes=("float16",))
-
-
-@pytest.fixture
-def unchecked():
-    """As a user has it, who is not checked against annotations."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.mark.parametrize("one", [dict(tolerances=1e-6), dict(dtypes="float64"), dict(solvers=diffrax.Tsit5())])

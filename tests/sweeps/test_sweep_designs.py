@@ -3,7 +3,6 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -115,14 +114,6 @@ def test_a_bad_design_says_what_it_must_have(make, words):
     """Assert that names, bounds and numbers that do not fit are refused at once."""
     with pytest.raises(ValueError, match=words):
         make(BouncingBall())
-
-
-@pytest.fixture
-def unchecked():
-    """Without the checks of types that the tests of this package add, as for a user."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.mark.parametrize(

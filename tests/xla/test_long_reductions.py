@@ -68,6 +68,14 @@ def test_types_stay(function, dtype):
     np.testing.assert_allclose(found, right, rtol=1e-5)
 
 
+@pytest.mark.parametrize("size", [40, 300])
+def test_small_integers_are_not_widened(size):
+    """Assert that a sum in a type of its own keeps it, and what is made of the sum can be traced."""
+    x = jnp.arange(size, dtype=jnp.int32)
+    for function in (lambda x: jnp.sum(x, dtype=jnp.int32) + x, lambda x: (x @ x) * x):
+        np.testing.assert_array_equal(jax.jit(rewritten(function))(x), function(x), strict=True)
+
+
 @pytest.mark.parametrize(("function", "size"), [(jnp.sum, 16385), (jnp.max, 16385), (jnp.cumsum, 65)])
 def test_what_is_longer_stays_as_it_is(function, size):
     x = numbers(size)
