@@ -108,7 +108,8 @@ class EventLocator(diffrax.AbstractStepSizeController):
         guard, rate = system.guards_and_rates(t1, y1_candidate, mode)
         begin, end, error = jnp.asarray(t0), jnp.asarray(t1), jnp.asarray(y_error)
         step = StepEnds(begin, y0, state.guard, state.rate, end, y1_candidate, guard, rate, error, error_order)
-        before = Before(self.start, state.noise, state.shortenings, self.stop, system.grazing_depth(mode))
+        depth = jnp.broadcast_to(system.grazing_depth(mode), guard.shape)
+        before = Before(self.start.guard_rounding, state.noise, state.shortenings, self.stop, depth)
         inside, h = look_inside(step, before), t1 - t0
         if system.searches(t0, y0):
             inside = _search(system, mode, step, accurate, inside, before)
@@ -167,7 +168,7 @@ def _search(system, mode, ends: StepEnds, accurate, inside: Inside, before: Befo
     h = ends.t1 - ends.t0
     wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & (h > time_resolution(ends.t0, 8))
     # The end was judged before: without its own depth the search would find it again.
-    tolerance = before.start.guard_rounding + before.noise + jnp.maximum(-ends.guard1, 0)
+    tolerance = before.rounding + before.noise + jnp.maximum(-ends.guard1, 0)
     searched = system.search(ends, mode, tolerance, wanted)
     found = jnp.isfinite(searched.crossing)
     gave_up = ~found & (searched.reached < 1)

@@ -35,13 +35,14 @@ def guards_at_start(system, t, x, mode) -> GuardsAtStart:
     return GuardsAtStart(guard, rate, jnp.where(lifting, noise, 0), rounding(x.dtype) * size, leaving, triggered)
 
 
-def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> Int[Array, ""]:
-    """Which of the candidate guards passed zero first; -1 where there are no guards.
+def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> tuple[Int[Array, ""], Float[Array, ""]]:
+    """Which of the candidate guards passed zero first, and how long ago; -1 and -inf where there are no guards.
 
     guard / rate is the time since then; a guard that jumped without falling is compared by its value."""
     if guard.shape[0] == 0:
-        return jnp.array(-1)
-    return jnp.argmax(jnp.where(candidates, guard / jnp.where(rate < 0, rate, 1), -jnp.inf))
+        return jnp.array(-1), jnp.array(-jnp.inf, guard.dtype)
+    since = jnp.where(candidates, guard / jnp.where(rate < 0, rate, 1), -jnp.inf)
+    return jnp.argmax(since), jnp.max(since)
 
 
 def are_known(guard, rate) -> Bool[Array, ""]:

@@ -9,16 +9,20 @@ from jaxtyping import Array, Bool, Float, Int
 from ..flat_system import StepEnds
 from ..numerics.cubic import first_falling_root, hides_a_dip, tangents_meet_below
 from ..numerics.tolerances import closeness, rounding, time_resolution
-from .guards import GuardsAtStart, are_known, first_to_fall
+from .guards import are_known, first_to_fall
 
 MUCH = 1e3
 """A guard that falls by so many times what its rates explain has jumped."""
+
+BLOCK = 32
+"""Many guards are looked at so many at once, and only where one of them is near zero."""
 
 
 class Before(NamedTuple):
     """What the steps before tell of the guards."""
 
-    start: GuardsAtStart
+    rounding: Float[Array, "guard"]
+    """Rounding error of evaluating each guard."""
     noise: Float[Array, "guard"]
     """Rounding granted to guards that the segment started on and has not left yet."""
     shortenings: Int[Array, ""]
@@ -43,6 +47,8 @@ class Inside(NamedTuple):
     """Whether it ends on a guard that falls."""
     landed_on: Int[Array, ""]
     """Which one; it means nothing where it ends on none."""
+    since: Float[Array, ""]
+    """How long before the end it fell; -inf where it ends on none."""
     to_go: Float[Array, ""]
     """Time after the step until a guard falls, by its rate; inf also where none is near."""
     grazes: Bool[Array, ""]
@@ -53,27 +59,79 @@ class Inside(NamedTuple):
 
 def look_inside(step: StepEnds, before: Before) -> Inside:
     """What the guards do in a step. Most steps are let through by a glance, whatever the number of guards."""
-    never = jnp.full_like(step.t0, jnp.inf)
-    no, yes = jnp.array(False), jnp.array(True)
-    nothing = Inside(never, no, never, no, jnp.array(-1), never, no, yes)
-    return lax.cond(_is_far_from_guards(step, before), lambda: nothing, lambda: _look(step, before))
+    look = _look_by_blocks if step.guard0.shape[0] > 2 * BLOCK else _look
+    far = jnp.all(_are_far(step, before)) & _is_long(step, before)
+    return lax.cond(far, lambda: _nothing(step), lambda: look(step, before))
 
 
-def _is_far_from_guards(step: StepEnds, before: Before) -> Bool[Array, ""]:
-    """Whether every guard stays well above zero, by its tangents at both ends and by what it bends between them.
+def _nothing(step: StepEnds) -> Inside:
+    never, no, yes = jnp.full_like(step.t0, jnp.inf), jnp.array(False), jnp.array(True)
+    return Inside(never, no, never, no, jnp.array(-1), -never, never, no, yes)
 
-    Every rule of `_look` finds nothing in such a step. It is false for guards that are no numbers."""
+
+def _are_far(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
+    """Which guards stay well above zero, by their tangents at both ends and by what they bend between them.
+
+    Every rule of `_look` finds nothing in such a guard, if the step is long. It is false for one that is no number."""
     h = step.t1 - step.t0
     g0, d0, g1, d1 = step.guard0, step.rate0 * h, step.guard1, step.rate1 * h
     lowest = jnp.minimum(jnp.minimum(g0, g0 + d0), jnp.minimum(g1, g1 - d1))  # no more than any point of the cubic
+    lowest = jnp.minimum(lowest, g1 + d1 / 8)  # nor does it fall soon after
     bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
-    far = lowest > 2 * bend + before.start.guard_rounding + before.noise
-    return jnp.all(far) & (before.shortenings == 0) & (h > time_resolution(step.t1, 8))
+    return lowest > 2 * bend + before.rounding + before.noise
+
+
+def _is_long(step: StepEnds, before: Before) -> Bool[Array, ""]:
+    """Whether the step is longer than what time can resolve."""
+    h = step.t1 - step.t0
+    return (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, before.shortenings))
+
+
+def _look_by_blocks(step: StepEnds, before: Before) -> Inside:
+    """The same, block by block: those that are far from zero are passed over."""
+    count = step.guard0.shape[0]
+    near = ~(_are_far(step, before) & _is_long(step, before))
+    first_of = lambda block: jnp.minimum(block * BLOCK, count - BLOCK)  # the last overlaps the one before
+
+    def look_at(block, inside):
+        first = first_of(block)
+
+        def look():
+            found = _look(*_cut(step, before, first))
+            return _both(inside, found._replace(landed_on=first + found.landed_on))
+
+        return lax.cond(jnp.any(lax.dynamic_slice(near, (first,), (BLOCK,))), look, lambda: inside)
+
+    return lax.fori_loop(0, -(-count // BLOCK), look_at, _nothing(step))
+
+
+def _cut(step: StepEnds, before: Before, first) -> tuple[StepEnds, Before]:
+    """The step with the guards of one block."""
+    cut = lambda of_all: lax.dynamic_slice(of_all, (first,), (BLOCK,))
+    guards = {name: cut(getattr(step, name)) for name in ("guard0", "rate0", "guard1", "rate1")}
+    about = {name: cut(getattr(before, name)) for name in ("rounding", "noise", "depth")}
+    return step._replace(**guards), before._replace(**about)
+
+
+def _both(a: Inside, b: Inside) -> Inside:
+    """What a step shows of these guards and of those."""
+    known = a.known & b.known  # a step with a guard that is no number is split, wherever another one falls
+    return Inside(
+        t_root=jnp.where(known, jnp.minimum(a.t_root, b.t_root), jnp.inf),
+        ends_early=(a.ends_early | b.ends_early) & known,
+        split=jnp.minimum(a.split, b.split),
+        on_guard=a.on_guard | b.on_guard,
+        landed_on=jnp.where(b.since > a.since, b.landed_on, a.landed_on),
+        since=jnp.maximum(a.since, b.since),
+        to_go=jnp.minimum(a.to_go, b.to_go),
+        grazes=a.grazes | b.grazes,
+        known=known,
+    )
 
 
 def _look(step: StepEnds, before: Before) -> Inside:
     t0, t1, h = step.t0, step.t1, step.t1 - step.t0
-    guard, rate, rounded = step.guard1, step.rate1, before.start.guard_rounding
+    guard, rate, rounded = step.guard1, step.rate1, before.rounding
     on_guard = _on_guard(step, before)
     # A guard that was just left may be below zero by its rounding while it rises: no crossing.
     rising = (rate >= 0) & (guard < 0) & (guard >= -rounded)
@@ -88,14 +146,16 @@ def _look(step: StepEnds, before: Before) -> Inside:
     split = jnp.where(h > time_resolution(t0, 8), split, jnp.inf)
     ends_early = t_root < before.stop - time_resolution(t1, 3)
     to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
-    landed_on, grazes = first_to_fall(on_guard, guard, rate), jnp.any(miss <= before.depth)
+    landed_on, since = first_to_fall(on_guard, guard, rate)
     split = jnp.where(known, split, 0.5)
-    return Inside(t_root, ends_early, split, jnp.any(on_guard), landed_on, to_go, grazes, known)
+    return Inside(
+        t_root, ends_early, split, jnp.any(on_guard), landed_on, since, to_go, jnp.any(miss <= before.depth), known
+    )
 
 
 def _on_guard(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
     """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling."""
-    h, guard, rate, rounded = step.t1 - step.t0, step.guard1, step.rate1, before.start.guard_rounding
+    h, guard, rate, rounded = step.t1 - step.t0, step.guard1, step.rate1, before.rounding
     # A guard that the segment has not left yet fires only after a root inside a step was found.
     may_fire = (before.noise == 0) | (before.shortenings > 0)
     close = jnp.abs(guard) <= rounded - time_resolution(step.t1, before.shortenings) * rate

@@ -70,7 +70,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     state, ts, ys = solution.controller_state, solution.ts, solution.ys
     assert isinstance(state, LocatorState) and ts is not None and ys is not None
     landed = solution.result == diffrax.RESULTS.event_occurred
-    guard = jnp.where(at_once, first_to_fall(start.triggered, start.guard, start.rate), state.landed_on)
+    guard = jnp.where(at_once, first_to_fall(start.triggered, start.guard, start.rate)[0], state.landed_on)
     guard = jnp.where(motion.begun, guard, -1)
     first_step = jnp.where(motion.begun, state.free_step, motion.first_step)  # to be found in the mode then chosen
     motion = Motion(

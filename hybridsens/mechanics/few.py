@@ -79,8 +79,9 @@ def _first(wanted: Bool[Array, "contact"], count: int) -> Int[Array, "few"]:
     rank = place + all_of_them * ~wanted
     who = []
     for _ in range(count):
-        who.append(jnp.argmin(rank))
-        rank = jnp.where(place == who[-1], 2 * all_of_them, rank)
+        lowest = jnp.min(rank)  # no two are the same, and the rank tells the place: half the work of argmin
+        who.append(lowest % all_of_them)
+        rank = jnp.where(rank == lowest, 2 * all_of_them, rank)
     return jnp.stack(who)
 
 

@@ -83,8 +83,11 @@ def _first(name, x, axis, dtype):
 
 def _search(name, x, axis, dtype):
     """The same for many numbers: what they are reduced to, and then where that is. Two plain reductions have half the
-    buffers of one that carries a place."""
+    buffers of one that carries a place. Of truth values one will do: where the first is that is wanted, if any."""
+    place, last = lax.broadcasted_iota(dtype, x.shape, axis), jnp.iinfo(dtype).max
+    if x.dtype == bool:
+        first = jnp.min(jnp.where(x if name is lax.argmax_p else ~x, place, last), axis)
+        return jnp.where(first == last, 0, first)
     best = (jnp.max if name is lax.argmax_p else jnp.min)(x, axis, keepdims=True)
     found = (x == best) | (x != x)
-    place = lax.broadcasted_iota(dtype, x.shape, axis)
-    return jnp.min(jnp.where(found, place, jnp.iinfo(dtype).max), axis)
+    return jnp.min(jnp.where(found, place, last), axis)
