@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array
 
 from .adjoint.methods import AbstractGradientMethod
@@ -108,11 +109,18 @@ def given_numbers(rtol, atol, max_step, capture_speed, dtype) -> Numbers:
 
 
 def declared_jump_times(model: Any, jump_ts, dtype) -> Array | None:
-    """Times at which the flow has a kink or a jump: those given, or else those that a scene or a system declares."""
+    """Times at which the flow has a kink or a jump: those given, or else those that a scene or a system declares.
+
+    Raises: TypeError or ValueError for what is no vector of numbers; a time that is no number would never come."""
     name = "jump_ts"
     if jump_ts is None and getattr(model, "jump_times", None) is not None:
         name, jump_ts = "jump_times", Asked.of(model, "jump_times()")()
-    return None if jump_ts is None else real_array(name, jump_ts, 1).astype(dtype)
+    if jump_ts is None:
+        return None
+    times = real_array(name, jump_ts, 1, axis="jump")
+    if not isinstance(times, Tracer) and jnp.any(jnp.isnan(times)):
+        raise ValueError(f"`{name}` must hold times, but number {int(jnp.argmax(jnp.isnan(times)))} of them is nan.")
+    return times.astype(dtype)
 
 
 def horizon_status(t0, t1, ts, method: Method, capture_speed: float | Array = 0.0) -> Status:

@@ -1,5 +1,6 @@
 """What `solve` returns. Everything with a floating point type here can be differentiated."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.core
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from .export.attributes import must_be_one, with_structure
@@ -63,23 +65,25 @@ class Solution(eqx.Module):
     again: Any = eqx.field(repr=False)
     """The same solve for other `ts`; `evaluate` asks it."""
 
-    def evaluate(self, ts: Float[Array, "sample"] | float) -> Any:
-        """States at times between t0 and t1, a number or a sorted array, as exact as the motion itself.
+    def evaluate(self, ts: ArrayLike | Sequence) -> Any:
+        """States at times between t0 and t1, a number or an array in any order, as exact as the motion itself.
 
         The motion is solved again, with samples at these times: a number of calls in a row is dearer than one call
         with all times, or `ts=` of `solve`. The number of times is rounded up inside, so that few numbers of them
         compile anew.
 
-        Raises: ValueError for a motion that was loaded, which does not know its system."""
+        Raises: ValueError for a motion that was loaded, which does not know its system, and for times that are not
+        finite; SimulationError for times outside of [t0, t1]."""
         if self.again is None:
             raise ValueError(
                 "evaluate() must know the system of its motion, which is not in a file: pass `ts=` to `solve` before "
                 "the motion is saved."
             )
-        times = jax.numpy.asarray(ts, float)
-        found = self.again(with_room(times if times.ndim else times[None])).x
-        cut = slice(times.shape[0]) if times.ndim else 0
-        return jax.tree.map(lambda leaf: leaf[cut], found)
+        times = jax.numpy.asarray(ts, dtype=float)
+        order = jax.numpy.argsort(times, axis=None)
+        found = self.again(with_room(times.ravel()[order])).x
+        places = jax.numpy.argsort(order).reshape(times.shape)
+        return jax.tree.map(lambda leaf: leaf[places], found)
 
     def to_xarray(self):
         """An xarray Dataset of all that is here, named by the leaves of the state and of the mode (x.v, event_after.v,

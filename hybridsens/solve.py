@@ -99,6 +99,7 @@ def solve(
         dict(
             system=system, x0=x0, mode=mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
             rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step, adjoint=adjoint,
+            throw=throw,
         )
     )  # fmt: skip
     numbers = _numbers((rtol, atol, max_step), (system, x0, t0, t1, ts), dtype)
@@ -132,7 +133,7 @@ class Again(eqx.Module):
         return cls(arrays, tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves), tree)
 
     def __call__(self, ts) -> Solution:
-        return solve(**self._given(), ts=ts, throw=False)
+        return solve(**self._given(), ts=ts)
 
     def initial_mode(self) -> Any:
         """The mode in which the motion begins."""

@@ -25,6 +25,21 @@ def test_transformations():
     assert_close(made.evaluate(0.2)[0], 1 - 9.81 * 0.02, 1e-9)
     assert_close(made.evaluate(jnp.array([0.1, 0.2]))[:, 1], -9.81 * jnp.array([0.1, 0.2]), 1e-9)
 
+    bounce = (1 + points[0, 1]) * 9.81 * jnp.sqrt(2 / 9.81)  # what the impact adds to the velocity
+    mixed = made.evaluate([[0.5, 0.1], [0.3, 0.2]])
+    assert_close(mixed[..., 1], -9.81 * jnp.array([[0.5, 0.1], [0.3, 0.2]]) + jnp.array([[bounce, 0], [0, 0]]), 1e-8)
+    for outside in (-0.1, 1.2, [0.2, 1.2]):
+        with pytest.raises(hs.SimulationError):
+            made.evaluate(outside)
+    with pytest.raises((ValueError, hs.SimulationError)):
+        made.evaluate(jnp.nan)
+
+
+@pytest.mark.parametrize(("times", "message"), [(0.5, r"\(jump,\)"), ([0.2, jnp.nan], "number 1 of them is nan")])
+def test_jump_times_that_are_none_are_refused(times, message, unchecked):
+    with pytest.raises(ValueError, match=message):
+        hs.solve(Oscillator(jnp.array(1.0)), jnp.array([1.0, 0.0]), 0, t1=1.0, jump_ts=times)
+
 
 def test_closed_over_values_are_differentiated():
     """A weight that only the transition and the running cost close over."""

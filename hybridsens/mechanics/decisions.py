@@ -16,7 +16,7 @@ from .checks import may_begin
 from .complementarity import independent_superset
 from .contact import Instant, contact_jacobian, gap_and_rate
 from .corners import has_jumped
-from .event_state import EventState, look_at_event, rate_below_rounding, wider_scales
+from .event_state import EventState, acted_on_nearby, look_at_event, rate_below_rounding, wider_scales
 from .few import MANY, Among, among_one
 from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
@@ -226,14 +226,17 @@ def _order_matters(at_event: EventState, support, mode: ContactMode) -> Bool[Arr
     """Whether two contacts that were open met at this instant, and the impulse of one changes the rate of the other.
 
     Had one closed a little earlier, the outcome would differ by a finite amount. Contacts that are held by a force stay
-    closed under any small change, so they do not count. Uncoupled contacts may be struck in any order."""
+    closed under any small change, so they do not count. Uncoupled contacts may be struck in any order; but where they
+    are uncoupled by these parameters alone, the derivative by what couples them depends on the order too."""
     rate, W = at_event.rate, at_event.geometry.delassus_matrix
     takes_part = support | (rate < -closeness(rate.dtype) * mode.speed)
     met = at_event.impacting & ~mode.active & takes_part
     diagonal = jnp.abs(jnp.diag(W))
     coupled = jnp.abs(W) > closeness(W.dtype) * jnp.sqrt(diagonal[:, None] * diagonal)
     pairs = met[:, None] & met & coupled & ~jnp.eye(met.shape[0], dtype=bool)
-    return jnp.any(pairs)
+    beside = at_event.meeting & ~at_event.triggered & ~mode.active & (rate < -closeness(rate.dtype) * mode.speed)
+    is_struck = jnp.any(met & at_event.triggered)
+    return jnp.any(pairs) | (is_struck & jnp.any(beside & acted_on_nearby(at_event.geometry, at_event.triggered)))
 
 
 def _with_selection(mode: ContactMode, selection: Selection, gap) -> ContactMode:

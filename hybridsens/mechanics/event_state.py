@@ -23,8 +23,10 @@ class EventState(NamedTuple):
     gap_acceleration: Float[Array, "contact"]
     """Phi'' as the motion was before."""
     triggered: Bool[Array, "contact"]
+    meeting: Bool[Array, "contact"]
+    """Contacts whose gap is zero at this instant, whether or not the struck one acts on them."""
     closed: Bool[Array, "contact"]
-    """Contacts that are closed at this instant."""
+    """Contacts that take part: held ones, the struck one, and those that meet here and that it acts on."""
     impacting: Bool[Array, "contact"]
     """Those of them that the law of impact is asked about: none at a release or at the start."""
     below_rounding: Float[Array, "contact"]
@@ -44,14 +46,15 @@ def look_at_event(
     start = event < 0
     triggered = jnp.arange(gap.shape[0]) == event
     is_release = jnp.any(triggered & mode.active)
-    touching = _touching(geometry, event, gap, tolerance + time_resolution(t, 2) * jnp.abs(rate))
+    meeting = gap <= tolerance + time_resolution(t, 2) * jnp.abs(rate)
+    touching = meeting & _acted_on(geometry, event)  # uncoupled ones have an event of their own
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
     closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
     closed = jnp.where(start, (gap <= tolerance) | held, closed)
     impacting = closed & ~is_release & ~start
     below_rounding = rate_below_rounding(pressed, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
-    at_event = EventState(geometry, gap, rate, pressed, triggered, closed, impacting, below_rounding)
+    at_event = EventState(geometry, gap, rate, pressed, triggered, meeting, closed, impacting, below_rounding)
     return at_event, dataclasses.replace(mode, fastest=fastest)
 
 
@@ -60,12 +63,19 @@ def rate_below_rounding(gap_acceleration, mode: ContactMode):
     return jnp.sqrt(4 * rounding(mode.length.dtype) * jnp.abs(gap_acceleration) * mode.length)
 
 
-def _touching(geometry: ContactGeometry, event, gap, tolerance):
-    """Contacts closed at this instant that the struck one acts on; uncoupled ones have an event of their own."""
+def _acted_on(geometry: ContactGeometry, event) -> Bool[Array, "contact"]:
+    """Contacts whose rate an impulse at the struck one changes."""
     W = geometry.delassus_matrix
-    size = jnp.sqrt(jnp.abs(jnp.diag(W) * W[event, event]))
-    coupled = jnp.abs(W[event]) > closeness(gap.dtype) * size
-    return coupled & (gap <= tolerance)
+    return jnp.abs(W[event]) > closeness(W.dtype) * jnp.sqrt(jnp.abs(jnp.diag(W) * W[event, event]))
+
+
+def acted_on_nearby(geometry: ContactGeometry, struck: Bool[Array, "contact"]) -> Bool[Array, "contact"]:
+    """The same, here or for other parameters: W is a sum over coordinates, and may be zero because its terms cancel,
+    as between the walls of a right angle."""
+    diagonal = jnp.abs(jnp.diag(geometry.delassus_matrix))
+    of_struck = struck.astype(diagonal.dtype)
+    terms = (of_struck @ jnp.abs(geometry.jacobian)) @ jnp.abs(geometry.mobility)
+    return terms > closeness(diagonal.dtype) * jnp.sqrt(diagonal * (of_struck @ diagonal))
 
 
 def wider_scales(mode: ContactMode, jacobian: Float[Array, "contact dof"], q, v, atol) -> ContactMode:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 
-def real_array(name: str, value, ndim: int) -> jax.Array:
+def real_array(name: str, value, ndim: int, axis: str = "sample") -> jax.Array:
     """`value` as an array of real numbers with so many axes. Raises: TypeError or ValueError with its name."""
     try:
         array = jnp.asarray(float(value) if isinstance(value, int) else value)
@@ -17,7 +17,7 @@ def real_array(name: str, value, ndim: int) -> jax.Array:
     if not any(jnp.issubdtype(array.dtype, kind) for kind in (jnp.floating, jnp.integer, jnp.bool_)):
         raise TypeError(f"`{name}` must hold real numbers, but has type {array.dtype}.")
     if array.ndim != ndim:
-        expected = ["()", "(sample,)"][ndim]
+        expected = ["()", f"({axis},)"][ndim]
         raise ValueError(f"`{name}` must have shape {expected}, but has shape {array.shape}.")
     return array
 

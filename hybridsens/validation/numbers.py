@@ -10,6 +10,7 @@
 """
 
 import dataclasses
+import functools
 import re
 import warnings
 from typing import Any
@@ -34,34 +35,30 @@ def numbers_to_arrays(module: Any) -> None:
 
 def told_of_constants(module: Any) -> Any:
     """The module, of which a warning tells what is no parameter, if a derivative by the others is taken."""
-    if not _constants(module):
+    constants = _constants(module)
+    if not constants:
         return module
-    if not any(map(eqx.is_inexact_array, jax.tree.leaves(module))):
-        _warn(module)
-    return _told(module)
-
-
-@eqx.filter_custom_jvp
-def _told(module: Any) -> Any:
-    return module
-
-
-@_told.def_jvp
-def _told_jvp(primals, tangents):
-    (module,), (tangent,) = primals, tangents
-    if jax.tree.leaves(tangent):
-        _warn(module)
-    return module, tangent
-
-
-def _warn(module: Any) -> None:
-    name, constants = type(module).__name__, _constants(module)
-    warnings.warn(
-        f"A parameter must be an array of real numbers, but {name} has Python numbers or integers in "
+    message = (
+        f"A parameter must be an array of real numbers, but {type(module).__name__} has Python numbers or integers in "
         f"{', '.join(constants)}, so that gradients have None there. Declare the field as jax.Array and give it 1.0 or "
-        "jnp.array(1.0); or, for a constant, write eqx.field(static=True).",
-        stacklevel=2,
+        "jnp.array(1.0); or, for a constant, write eqx.field(static=True)."
     )
+    parameters, rest = eqx.partition(module, eqx.is_inexact_array)
+    if not jax.tree.leaves(parameters):
+        warnings.warn(message, stacklevel=3)
+    # The parameters alone pass through: what is a number or a function here stays what it is.
+    return eqx.combine(_told(message, parameters), rest)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _told(message: str, parameters: Any) -> Any:
+    return parameters
+
+
+@_told.defjvp
+def _told_jvp(message: str, primals, tangents):
+    warnings.warn(message, stacklevel=2)
+    return primals[0], tangents[0]
 
 
 def _constants(module: Any) -> list[str]:

@@ -45,6 +45,40 @@ def test_orthogonal_walls_are_not_marked():
     assert marks(corner(ORTHOGONAL, [1.0, 1.0, 0.0])) == [False, False]
 
 
+class Valley(hs.AbstractScene):
+    """A ball between two walls, each at an angle to the vertical."""
+
+    angle: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(2)
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -9.81])
+
+    def gap(self, t, q):
+        along, up = jnp.sin(self.angle) * q[0], jnp.cos(self.angle) * q[1]
+        return jnp.stack([up + along, up - along])
+
+    def restitution(self):
+        return jnp.full(2, 0.6)
+
+
+class BouncingValley(Valley):
+    sustained_contact = False
+
+
+@pytest.mark.parametrize("kind", [Valley, BouncingValley])
+def test_walls_that_are_orthogonal_at_this_angle_alone_are_marked(kind):
+    """In a V of 90 degrees the walls act on each other at any other angle: the derivative by it does not exist."""
+    angle = jnp.array(np.pi / 4)
+    drop = lambda x, angle: hs.simulate(kind(angle), hs.State(jnp.stack([x, 1.0]), jnp.zeros(2)), t1=0.7)
+    assert marks(drop(0.0, angle)) == [True, False]
+    assert marks(drop(0.01, angle)) == [False, False]  # one after the other
+    slope = jax.jit(jax.grad(lambda angle, x: drop(x, angle).final.q[0]))
+    assert slope(angle, 1e-3) * slope(angle, -1e-3) < -1  # one derivative on each side
+
+
 def test_a_row_of_touching_balls_is_marked():
     """A gap between the two that are struck, however small, would make another outcome."""
     row = [([-1.0, 1.0, 0.0], 0.0), ([0.0, -1.0, 1.0], 0.0)]

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -44,6 +45,19 @@ class FloatBall(Falling):
 class HalfBall(Falling):
     weight: jax.Array
     e: float = 0.8
+
+
+class NamedBall(Falling):
+    """A number that the force asks about, beside a name and a function."""
+
+    weight: jax.Array
+    scale: float = 2.0
+    name: str = "ball"
+    bent: Callable = jnp.tanh
+    e: Float[Array, ""] = 0.8  # type: ignore
+
+    def force(self, t, q, v):
+        return -self.weight * (self.scale if self.scale > 1 else 1.0) * jnp.ones(1)
 
 
 class Tank(hs.AbstractHybridSystem):
@@ -114,6 +128,21 @@ def test_a_derivative_past_a_number_is_told_of(ball):
     moved = lambda weight: forward(eqx.tree_at(lambda ball: ball.weight, ball, weight))
     assert told(lambda: jax.jvp(moved, (ball.weight,), (ball.weight,))) == [message]
     assert told(height, ball) == told(eqx.filter_grad(height), Ball(9.81)) == []
+
+
+def test_a_number_stays_a_number_beside_whatever_else_the_fields_hold():
+    """It may be asked about by `if`, in every transformation; only what is a parameter is an array there."""
+    ball, exact = NamedBall(jnp.array(2.0)), 1 - 2 * 2.0 * 0.3**2 / 2
+    fall = lambda weight: hs.simulate(NamedBall(weight), hs.State([1.0], [0.0]), t1=0.3).final.q[0]
+    assert_close(fall(jnp.array(2.0)), exact, 1e-12)
+    assert_close(jax.jit(fall)(jnp.array(2.0)), exact, 1e-12)
+    assert_close(jax.vmap(fall)(jnp.array([2.0]))[0], exact, 1e-12)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert_close(jax.jit(jax.grad(fall))(jnp.array(2.0)), -(0.3**2), 1e-8)
+        assert_close(jax.grad(fall)(2.0), -(0.3**2), 1e-8)
+    assert caught and all("numbers or integers in scale, so" in str(each.message) for each in caught)
+    assert ball.name == "ball" and ball.scale == 2.0
 
 
 def test_a_scene_without_any_array_is_told_of_at_once():
