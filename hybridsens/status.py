@@ -46,9 +46,9 @@ class Status(eqx.Module):
         "reached; `rtol` and `atol` may be too tight for the floating point type."
     )
     non_finite = outcome(
-        "a state, its flow, or a guard or its rate is not finite. Look at these and at the running cost, and at their "
-        "derivatives, at the last time reached (the derivative of `jnp.where` is nan where that of the branch that was "
-        "not taken is)."
+        "a state, its flow, a guard or its rate, or a known time is not finite. Look at these and at the running "
+        "cost, and at their derivatives, at the last time reached (the derivative of `jnp.where` is nan where that of "
+        "the branch that was not taken is)."
     )
     grazing = outcome(
         "the motion reached its end, but touched or missed an event so narrowly that the tolerances cannot tell "

@@ -234,3 +234,13 @@ def test_what_cannot_be_known_is_told():
         doses(Doses(DOSES.k, DOSES.amount, jnp.array(1.0)))
     with pytest.raises(ValueError, match="`places` must be an integer >= 1"):
         hs.DelayQueue.empty(0)
+
+
+def test_a_time_that_is_no_number_is_told():
+    """Otherwise it would never come, and its dose be left out."""
+    known = jnp.array([0.5, 1.0, 1.5])
+    unknown = known.at[1].set(jnp.nan)
+    outcome = lambda times: hs.solve(Doses(DOSES.k, jnp.ones(3), times), 1.0, 0, t1=2.0, throw=False).status
+    assert outcome(known) == hs.Status.successful and outcome(unknown) == hs.Status.non_finite
+    free = lambda times: hs.solve(Clock(jnp.array(1.0)), 0.0, 0, t1=2.5, jump_ts=times, throw=False).status
+    assert jax.jit(free)(known) == hs.Status.successful and jax.jit(free)(unknown) == hs.Status.non_finite

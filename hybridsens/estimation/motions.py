@@ -128,13 +128,14 @@ def picks(names, start: tuple) -> tuple[int, ...]:
     Raises: ValueError for a column that has no such name."""
     known = state_names(start)
     spelt = {"q": "q0", "v": "v0"} if isinstance(start[0], State) else {}
+    choices = ", ".join(known) if len(known) <= 8 else f"{known[0]} ... {known[-1]}"
     places = []
     for name in names:
         plain = spelt.get(name, name.replace("[", "").replace("]", "").replace("_", "") if spelt else name)
         if plain not in known:
             raise ValueError(
-                f"Without `observe`, columns must be named after the state, {known[0]} ... {known[-1]}, but there is "
-                f"{name!r}. Choose among them with `columns`, or say with `observe` what was measured."
+                f"Without `observe`, columns must be named after the state ({choices}), but there is {name!r}. "
+                "Choose among them with `columns`, or say with `observe` what was measured."
             )
         places.append(known.index(plain))
     return tuple(np.array(places, int).tolist())

@@ -76,7 +76,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     motion = Motion(
         motion.begun, ts[0], ys[0], motion.mode, motion.first_mode, state.record, motion.events, motion.last_guard,
         motion.last_event_time, motion.grazing | state.grazing, motion.unreported, state.rejected, first_step,
-        _status(solution.result, state.finite),
+        Status.where(jnp.isnan(known.time), Status.non_finite, _status(solution.result, state.finite)),
     )  # fmt: skip
     event = at_once | landed
     comes = ~event & (motion.status == Status.running) & jnp.isfinite(known.stop)
@@ -111,7 +111,7 @@ def _next_jump(system: AbstractFlatSystem, t, t1) -> KnownTime | None:
     first = jnp.argmin(later)
     time = later[first].astype(t.dtype)
     stop = jnp.where(jnp.isfinite(time), before_jump(time), jnp.inf)  # there is no moment before inf
-    return KnownTime(time, stop, jump_number(first))
+    return _unless_unknown(times, t, KnownTime(time, stop, jump_number(first)))
 
 
 def _next_scheduled(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime | None:
@@ -119,10 +119,16 @@ def _next_scheduled(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime
     times = system.scheduled_times(motion.x, motion.mode)
     if times is None:
         return None
-    times = jnp.where(motion.begun & system.expected(motion.mode) & (times <= t1), times, jnp.inf)
-    first = jnp.argmin(times)
-    time = jnp.maximum(times[first], motion.t)  # one that an event has moved into the past comes at once
-    return KnownTime(time, time, guard_count(system, motion) + first)
+    still = jnp.where(motion.begun & system.expected(motion.mode) & (times <= t1), times, jnp.inf)
+    first = jnp.argmin(still)
+    time = jnp.maximum(still[first], motion.t)  # one that an event has moved into the past comes at once
+    return _unless_unknown(times, motion.t, KnownTime(time, time, guard_count(system, motion) + first))
+
+
+def _unless_unknown(times, now, known: KnownTime) -> KnownTime:
+    """The next time; where one of them is no number, nan and here: a time that is nan would never come, in silence."""
+    unknown = jnp.any(jnp.isnan(times))
+    return KnownTime(jnp.where(unknown, jnp.nan, known.time), jnp.where(unknown, now, known.stop), known.event)
 
 
 def guard_count(system: AbstractFlatSystem, motion: Motion) -> int:

@@ -46,8 +46,8 @@ def event_table(events: Any):
         )
     if np.any(events.order_matters[:count]):
         yield (
-            "* Contacts that act on each other were met at the same instant. Another order of their impacts has "
-            "another outcome, so derivatives of what follows are one-sided at best."
+            "* Contacts that act on each other, here or for other parameters, were met at the same instant. Another "
+            "order of their impacts has another outcome, so derivatives of what follows are one-sided at best."
         )
 
 

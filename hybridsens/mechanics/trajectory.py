@@ -45,8 +45,8 @@ class Events(eqx.Module):
     closing_speed: Float[Array, "*batch event"]
     """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at other events [m/s]."""
     order_matters: Bool[Array, "*batch event"]
-    """Whether contacts that act on each other were met at one instant, so that another order of their impacts has
-    another outcome: derivatives of what follows are one-sided at best."""
+    """Whether contacts that act on each other, here or for other parameters, were met at one instant, so that another
+    order of their impacts has another outcome: derivatives of what follows are one-sided at best."""
     count: Int[Array, "*batch"]
     """How many events there were."""
     mode: Any = None
