@@ -72,8 +72,8 @@ class Solution(eqx.Module):
         with all times, or `ts=` of `solve`. The number of times is rounded up inside, so that few numbers of them
         compile anew.
 
-        Raises: ValueError for a motion that was loaded, which does not know its system, and for times that are not
-        finite; SimulationError for times outside of [t0, t1]."""
+        Raises: ValueError for a motion that was loaded, which does not know its system; SimulationError for times that
+        are no numbers or lie outside of [t0, t1], unless the motion was asked for with another `throw`."""
         if self.again is None:
             raise ValueError(
                 "evaluate() must know the system of its motion, which is not in a file: pass `ts=` to `solve` before "

@@ -28,11 +28,9 @@ def test_transformations():
     bounce = (1 + points[0, 1]) * 9.81 * jnp.sqrt(2 / 9.81)  # what the impact adds to the velocity
     mixed = made.evaluate([[0.5, 0.1], [0.3, 0.2]])
     assert_close(mixed[..., 1], -9.81 * jnp.array([[0.5, 0.1], [0.3, 0.2]]) + jnp.array([[bounce, 0], [0, 0]]), 1e-8)
-    for outside in (-0.1, 1.2, [0.2, 1.2]):
-        with pytest.raises(hs.SimulationError):
+    for outside in (-0.1, 1.2, [0.2, 1.2], jnp.nan):
+        with pytest.raises(hs.SimulationError, match=r"within \[t0, t1\]"):
             made.evaluate(outside)
-    with pytest.raises((ValueError, hs.SimulationError)):
-        made.evaluate(jnp.nan)
 
 
 @pytest.mark.parametrize(("times", "message"), [(0.5, r"\(jump,\)"), ([0.2, jnp.nan], "number 1 of them is nan")])

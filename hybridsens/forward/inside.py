@@ -76,7 +76,8 @@ def _are_far(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
     h = step.t1 - step.t0
     g0, d0, g1, d1 = step.guard0, step.rate0 * h, step.guard1, step.rate1 * h
     lowest = jnp.minimum(jnp.minimum(g0, g0 + d0), jnp.minimum(g1, g1 - d1))  # no more than any point of the cubic
-    lowest = jnp.minimum(lowest, g1 + d1 / 8)  # nor does it fall soon after
+    # Nor does it fall soon after: `to_go` is asked about up to a tenth of the step.
+    lowest = jnp.minimum(lowest, g1 + d1 / 8)
     bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
     return lowest > 2 * bend + before.rounding + before.noise
 
@@ -91,10 +92,9 @@ def _look_by_blocks(step: StepEnds, before: Before) -> Inside:
     """The same, block by block: those that are far from zero are passed over."""
     count = step.guard0.shape[0]
     near = ~(_are_far(step, before) & _is_long(step, before))
-    first_of = lambda block: jnp.minimum(block * BLOCK, count - BLOCK)  # the last overlaps the one before
 
     def look_at(block, inside):
-        first = first_of(block)
+        first = jnp.minimum(block * BLOCK, count - BLOCK)  # the last block overlaps the one before
 
         def look():
             found = _look(*_cut(step, before, first))
