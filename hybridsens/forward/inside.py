@@ -59,9 +59,10 @@ class Inside(NamedTuple):
 
 def look_inside(step: StepEnds, before: Before) -> Inside:
     """What the guards do in a step. Most steps are let through by a glance, whatever the number of guards."""
-    look = _look_by_blocks if step.guard0.shape[0] > 2 * BLOCK else _look
-    far = jnp.all(_are_far(step, before)) & _is_long(step, before)
-    return lax.cond(far, lambda: _nothing(step), lambda: look(step, before))
+    near = _near(step, before)
+    are_many = step.guard0.shape[0] > 2 * BLOCK
+    look = lambda: _look_by_blocks(step, before, near) if are_many else _look(step, before)
+    return lax.cond(jnp.any(near), look, lambda: _nothing(step))
 
 
 def _nothing(step: StepEnds) -> Inside:
@@ -69,10 +70,15 @@ def _nothing(step: StepEnds) -> Inside:
     return Inside(never, no, never, no, jnp.array(-1), -never, never, no, yes)
 
 
+def _near(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
+    """Which guards have to be looked at: in all others `_look` finds nothing, by any of its rules."""
+    return ~(_are_far(step, before) & _is_long(step, before))
+
+
 def _are_far(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
     """Which guards stay well above zero, by their tangents at both ends and by what they bend between them.
 
-    Every rule of `_look` finds nothing in such a guard, if the step is long. It is false for one that is no number."""
+    It is false for one that is no number."""
     h = step.t1 - step.t0
     g0, d0, g1, d1 = step.guard0, step.rate0 * h, step.guard1, step.rate1 * h
     lowest = jnp.minimum(jnp.minimum(g0, g0 + d0), jnp.minimum(g1, g1 - d1))  # no more than any point of the cubic
@@ -88,10 +94,9 @@ def _is_long(step: StepEnds, before: Before) -> Bool[Array, ""]:
     return (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, before.shortenings))
 
 
-def _look_by_blocks(step: StepEnds, before: Before) -> Inside:
+def _look_by_blocks(step: StepEnds, before: Before, near: Bool[Array, "guard"]) -> Inside:
     """The same, block by block: those that are far from zero are passed over."""
     count = step.guard0.shape[0]
-    near = ~(_are_far(step, before) & _is_long(step, before))
 
     def look_at(block, inside):
         first = jnp.minimum(block * BLOCK, count - BLOCK)  # the last block overlaps the one before

@@ -52,6 +52,10 @@ def test_nothing_is_found_in_a_step_that_a_glance_lets_through():
         assert not jnp.any(far & (found.to_go < 0.1 * h))  # a step that was to end on an event fell short of it
 
 
+def by_blocks(step, before):
+    return inside._look_by_blocks(step, before, inside._near(step, before))
+
+
 def test_many_guards_are_looked_at_block_by_block():
     """By blocks, the last of which overlaps the one before, the same is found as by all at once."""
     guards, cases = 2 * inside.BLOCK + 7, 300
@@ -64,16 +68,16 @@ def test_many_guards_are_looked_at_block_by_block():
         fixed = (guard0, 5.0), (guard1, 5.0), (rate0, 0.0), (rate1, 0.0)
         parts = [jnp.where(mixed, part, far) for part, far in fixed]
         step, before = step_and_before(*parts, *rest)
-        return inside._look(step, before), inside._look_by_blocks(step, before)
+        return inside._look(step, before), by_blocks(step, before)
 
     seen = np.zeros(2, int)
     for seed in range(5):
         case = random_steps(seed, cases, guards)
         mixed = np.random.default_rng(seed).random((cases, guards)) < 0.05
-        at_once, by_blocks = both_ways(mixed, *case)
+        at_once, in_blocks = both_ways(mixed, *case)
         for name in ("t_root", "ends_early", "grazes", "known"):
-            np.testing.assert_allclose(getattr(at_once, name), getattr(by_blocks, name), rtol=1e-14, err_msg=name)
-        np.testing.assert_array_equal(np.isfinite(at_once.split), np.isfinite(by_blocks.split))
+            np.testing.assert_allclose(getattr(at_once, name), getattr(in_blocks, name), rtol=1e-14, err_msg=name)
+        np.testing.assert_array_equal(np.isfinite(at_once.split), np.isfinite(in_blocks.split))
         seen += [int(jnp.sum(what)) for what in (at_once.ends_early, jnp.isfinite(at_once.split))]
     assert np.all(seen > 20), seen  # the comparison was of something
 
@@ -92,14 +96,14 @@ def test_a_step_that_ends_on_guards_of_several_blocks_lands_on_the_one_that_fell
     guards = 3 * inside.BLOCK + 5
     for first, second in ((3, 98), (98, 3), (40, 41)):
         fallen = {f"g{first}": (-1e-15, -1.0), f"g{second}": (0.0, -1.0)}
-        found = inside._look_by_blocks(*one_step(guards, **fallen))
+        found = by_blocks(*one_step(guards, **fallen))
         assert found.on_guard and found.landed_on == first, (first, second, found.landed_on)
 
 
 def test_an_unknown_guard_in_one_block_splits_the_step_whatever_another_shows():
     step, before = one_step(3 * inside.BLOCK, g0=(-0.5, -1.5))
-    assert inside._look_by_blocks(step, before).ends_early
-    found = inside._look_by_blocks(step._replace(guard1=step.guard1.at[80].set(jnp.nan)), before)
+    assert by_blocks(step, before).ends_early
+    found = by_blocks(step._replace(guard1=step.guard1.at[80].set(jnp.nan)), before)
     assert not found.known and not found.ends_early and found.split == 0.5 and jnp.isinf(found.t_root)
 
 
