@@ -113,7 +113,7 @@ def declared_jump_times(model: Any, jump_ts, dtype) -> Array | None:
 
     Raises: TypeError or ValueError for what is no vector of numbers; a time that is no number would never come."""
     name = "jump_ts"
-    if jump_ts is None and getattr(model, "jump_times", None) is not None:
+    if jump_ts is None:
         name, jump_ts = "jump_times", Asked.of(model, "jump_times()")()
     if jump_ts is None:
         return None

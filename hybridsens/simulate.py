@@ -22,7 +22,7 @@ from .mechanics.constant_mass import with_known_mass
 from .mechanics.discontinuities import warn_of_discontinuities
 from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
-from .mechanics.switch_rules import check_mode, check_switches, switch_rules
+from .mechanics.switch_rules import check_mode, check_switches, switch_rules, warn_of_switch
 from .mechanics.switched import SwitchedMode, SwitchedSystem
 from .mechanics.switches import AbstractSwitchedScene, in_mode
 from .mechanics.system import MechanicalSystem
@@ -78,7 +78,7 @@ def simulate(
     - `jump_ts`: times at which a force, a gap or a running cost has a kink or a jump: knots of a control, switching
       times, pulses; in any order. Those outside of the horizon do not matter. Steps end there, so that both sides are
       integrated to tolerance, and gradients reach these times. Two that coincide count as one, and a derivative by
-      the time goes to the first of them. Default: `scene.jump_times()`, if it has that method.
+      the time goes to the first of them. Default: `scene.jump_times()`.
     - `running_cost`: `running_cost(scene, t, q, v)`, a scalar or a PyTree; its integral comes back as `.cost`. It is
       integrated as part of the state, under the same error control. That of a scene with switches is given the mode
       as a fifth argument.
@@ -172,6 +172,8 @@ def _simulate(
         warn_of_sampled_gaps(contacts.scene, t0, state.q)
     declared = contacts.jump_ts is not None
     warn_of_discontinuities(contacts.scene, t0, state.q, state.v, contacts.running_cost, declared)
+    if isinstance(system, SwitchedSystem):
+        warn_of_switch(system.rules, contacts.scene, t0, state.q, state.v, system.mode_like)
     contacts = dataclasses.replace(contacts, scene=with_known_mass(contacts.scene, state.q))
     cost_shape = None
     if contacts.running_cost is not None:

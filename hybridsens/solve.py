@@ -21,7 +21,7 @@ from .passes import Options, Problem
 from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
 from .system import AbstractHybridSystem
-from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays
+from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays, warn_of_transition
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.asked import kind_of
 from .validation.direction import forward_only, reverse_only
@@ -158,6 +158,7 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, co
     t0, t1, ts = horizon
     cost_rate = None if flat.running_cost is None else flat.cost_rate
     warn_of_system(flat.system, cost_rate, (t0, x0, mode), flat.jump_ts is not None)
+    warn_of_transition(flat.system, t0, x0, mode)
     start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
     options = Options(flat.watched(mode, start.dtype), horizon_status(t0, t1, ts, method), method)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)

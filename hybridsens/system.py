@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int, PyTree
 
 from .export.printed import printed
 from .validation.numbers import numbers_to_arrays
+from .validation.spelling import warn_of_near_names
 
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
@@ -34,8 +35,8 @@ class AbstractHybridSystem(eqx.Module):
         ball = Ball(jnp.array(9.81), jnp.array(0.8))
         solution = hybridsens.solve(ball, {"height": 1.0, "speed": 0.0}, 0, t1=1.0)
 
-    A number given for a field that is declared as an array is made one; fields declared as `float` or `int` are
-    constants, whose gradient is None.
+    A number, or a list of numbers, given for a field that is declared as an array is made one; fields declared as
+    `float` or `int` are constants, whose gradient is None.
 
     All is plain JAX, with `jnp.where` and `jax.lax.switch` in place of `if`. An event happens where a guard falls from
     above 0 to 0:
@@ -48,6 +49,10 @@ class AbstractHybridSystem(eqx.Module):
 
     known_discontinuities: ClassVar[bool] = False
     """Whether kinks and jumps of `flow` and `guards` are known to do no harm: then nobody is warned of them."""
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        warn_of_near_names(cls)
 
     def __check_init__(self):
         numbers_to_arrays(self)

@@ -12,6 +12,7 @@ from .validation.asked import Asked, kind_of
 from .validation.closures import hides_tracers, method_of
 from .validation.returned import must_have_shape, returned_array, returned_leaves
 from .validation.structures import must_be_pair, must_match, outcome
+from .validation.undifferentiated import undifferentiated, warn_of_mode_after
 
 
 def state_as_arrays(x0) -> tuple[Any, Any]:
@@ -35,17 +36,17 @@ def _real(leaf) -> jax.Array:
 
 
 def mode_as_arrays(mode) -> Any:
-    """The mode with arrays for leaves. Raises: TypeError where a leaf cannot be one."""
+    """The mode with arrays for leaves, held constant. Raises: TypeError where a leaf cannot be one."""
 
     def array(leaf):
         try:
-            return jax.lax.stop_gradient(jnp.asarray(leaf))
+            return jnp.asarray(leaf)
         except (TypeError, ValueError, OverflowError) as error:
             raise TypeError(
                 f"`mode` must hold numbers or arrays, but has a leaf {type(leaf).__name__}: number the modes."
             ) from error
 
-    return jax.tree.map(array, mode)
+    return undifferentiated(jax.tree.map(array, mode))
 
 
 class Counts(NamedTuple):
@@ -89,6 +90,14 @@ def _scheduled_count(system: AbstractHybridSystem, x, mode) -> int | None:
     if outcome(asked, x, mode) is None:
         return None
     return must_have_shape(asked, returned_array(asked, x, mode), ("time",)).shape[0] or None
+
+
+def warn_of_transition(system: AbstractHybridSystem, t, x, mode) -> None:
+    """Say where the transition writes what is differentiable into the mode."""
+    warn_of_mode_after(
+        lambda system, *given: system.transition(*given), system, (jnp.asarray(0), t, x, mode),
+        f"`transition` of {type(as_written(system)).__name__}", "Keep it in x, with a rate of 0.",
+    )  # fmt: skip
 
 
 class LiftedSystem(AbstractHybridSystem):

@@ -91,7 +91,7 @@ def _which(call: Call) -> tuple:
 
 def _undeclared_breaks(model, state, mode, t0, jump_ts, running_cost) -> tuple[BreakFound, ...]:
     """Kinks and jumps of a scene or a system, without those in t alone where their times are declared."""
-    declared = jump_ts is not None or getattr(model, "jump_times", lambda: None)() is not None
+    declared = jump_ts is not None or model.jump_times() is not None
     if isinstance(model, AbstractScene):
         scene, running_cost = in_mode(model, running_cost, *(mode or (None,)))
         found = scene_breaks(scene, t0, state.q, state.v, running_cost)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..export.printed import printed
 from ..validation.numbers import numbers_to_arrays
+from ..validation.spelling import warn_of_near_names
 
 
 class State(eqx.Module):
@@ -33,9 +34,10 @@ class AbstractScene(eqx.Module):
 
         M(q) v' = F(t, q, v) + G lambda,   0 <= lambda _|_ Phi(t, q) >= 0,   G = (dPhi/dq)^T      (1.1)-(1.2)
 
-    Subclass it, give it fields and these four methods. Every array field is a parameter: gradients of a cost of
-    the motion come back in a scene of the same class. A number given for a field that is declared as an array is made
-    one; fields declared as `float` or `int` are constants, whose gradient is None.
+    Subclass it, give it fields and these four methods; `jump_times` where forces or gaps have kinks or jumps at known
+    times. Every array field is a parameter: gradients of a cost of the motion come back in a scene of the same class.
+    A number, or a list of numbers, given for a field that is declared as an array is made one; fields declared as
+    `float` or `int` are constants, whose gradient is None.
     """
 
     sustained_contact: ClassVar[bool] = True
@@ -52,6 +54,10 @@ class AbstractScene(eqx.Module):
     """Set to True in a scene whose functions have kinks or jumps in t, q or v that do no harm: then no
     `DiscontinuityWarning` tells of them. A guard against a division by zero, `jnp.where(r > 0, r, 1)`, is such a one:
     its trace looks like that of a jump."""
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        warn_of_near_names(cls)
 
     def __check_init__(self):
         numbers_to_arrays(self)
@@ -84,6 +90,11 @@ class AbstractScene(eqx.Module):
     @abc.abstractmethod
     def restitution(self) -> Float[Array, "contact"]:
         """Newton's coefficient of restitution of each contact, in [0, 1]."""
+
+    def jump_times(self) -> Float[Array, "jump"] | None:
+        """Times at which a force or a gap has a kink or a jump (knots of a control, say): steps end there, and
+        gradients reach them. None, the default, for none."""
+        return None
 
 
 def _as_float(name: str, value):

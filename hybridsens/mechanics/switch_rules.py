@@ -9,10 +9,12 @@ from ..validation.asked import Asked
 from ..validation.closures import hides_tracers, method_of
 from ..validation.returned import must_have_shape, returned_array
 from ..validation.structures import must_be_pair, must_match, outcome
+from ..validation.undifferentiated import warn_of_mode_after
 from .closures import lifted
-from .scene import State
+from .scene import AbstractScene, State
 from .switched import SwitchRules
 from .switches import AbstractSwitchedScene, has_switches
+from .typed import as_written
 
 
 def check_mode(scene: Any, mode: Any) -> None:
@@ -64,6 +66,15 @@ def switch_rules(scene: AbstractSwitchedScene, t, state: State, mode: Any) -> Sw
         for name, given in calls.items()
     }
     return SwitchRules(**functions)
+
+
+def warn_of_switch(rules: SwitchRules, scene: AbstractScene, t, q, v, mode: Any) -> None:
+    """Say where the switch writes what is differentiable into the mode."""
+    scene = as_written(scene)
+    warn_of_mode_after(
+        lambda given, *instant: given[0].switch(given[1], *instant), (rules, scene), (jnp.asarray(0), t, q, v, mode),
+        f"`switch` of {type(scene).__name__}", "Keep it as the velocity of a coordinate that no force moves.",
+    )  # fmt: skip
 
 
 _METHODS = {name: method_of(name) for name in ("switches", "switch")}

@@ -2,7 +2,8 @@
 
 `eqx.filter_grad` differentiates by arrays of real numbers, and gives None for every other leaf, without a word. So
 
-- a Python number in a field that is declared as an array becomes a real array: the declaration says what is meant;
+- a Python number, or a list of them, in a field that is declared as an array becomes a real array: the declaration
+  says what is meant;
 - one in a field that is declared otherwise (`length: float`) stays as it is. Equinox takes it for a constant, which
   may be asked about by `if`, and a checker of annotations would refuse an array there. The same goes for an array of
   integers, which may be indices. Where a derivative by the other leaves is taken, a warning names them; and at once
@@ -21,16 +22,29 @@ import jax.numpy as jnp
 import numpy as np
 
 _ARRAY = re.compile(r"\bArray(Like)?\b")
+_CONTAINER = re.compile(r"\b([Ll]ist|[Tt]uple|[Dd]ict|Sequence|Iterable|Mapping|PyTree)\b")
 _OF_INTEGERS = re.compile(r"\b(U?Int\d*|Integer|Bool|Key|PRNGKeyArray|Shaped)\b")
 
 
 def numbers_to_arrays(module: Any) -> None:
-    """Put real arrays in the place of numbers in fields that are declared as arrays; called while `module` is made."""
+    """Put real arrays in the place of numbers in fields that are declared as arrays; called while `module` is made.
+
+    Raises: TypeError for a list that is none of numbers."""
     for field in dataclasses.fields(module):
-        value = getattr(module, field.name, None)
+        value, declared = getattr(module, field.name, None), str(field.type)
         number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-        if number and _ARRAY.search(str(field.type)) and not _OF_INTEGERS.search(str(field.type)):
-            object.__setattr__(module, field.name, jnp.array(value, float))  # Equinox freezes what is made
+        listed = isinstance(value, list | tuple) and not _CONTAINER.search(declared)
+        if (number or listed) and _ARRAY.search(declared) and not _OF_INTEGERS.search(declared):
+            object.__setattr__(module, field.name, _as_array(module, field.name, value))  # Equinox freezes what is made
+
+
+def _as_array(module: Any, name: str, value: Any) -> jax.Array:
+    try:
+        return jnp.array(value, float)
+    except (TypeError, ValueError) as error:
+        raise TypeError(
+            f"`{name}` of {type(module).__name__} is declared as an array and must hold real numbers, but is {value!r}."
+        ) from error
 
 
 def told_of_constants(module: Any) -> Any:

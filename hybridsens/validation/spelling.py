@@ -1,6 +1,8 @@
 """A name that is not there: which one was meant?"""
 
 import difflib
+import inspect
+import warnings
 from collections.abc import Iterable
 
 
@@ -9,3 +11,22 @@ def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
     names, known = [names] if isinstance(names, str) else list(names), list(known)
     near = [match for name in names for match in difflib.get_close_matches(name, known, n=1)]
     return f" Did you mean {', '.join(map(repr, dict.fromkeys(near)))}?" if near else ""
+
+
+def warn_of_near_names(cls: type) -> None:
+    """Say where a class defines a name that is nearly one which an abstract class of this package asks about and has a
+    default for, `applied_forces` for `applied_force`: nothing would read it."""
+    package = __name__.partition(".")[0] + "."
+    ours = [base for base in cls.__mro__[1:] if inspect.isabstract(base) and base.__module__.startswith(package)]
+    known = {name for base in ours for name in vars(base) if not name.startswith("_")}
+    defined_by = {name: base for base in reversed(cls.__mro__) for name in vars(base)}
+    defaults = [name for name in known if defined_by[name] in ours]
+    for name in vars(cls).keys() - known:
+        alike = [of_base for of_base in defaults if callable(getattr(cls, of_base)) == callable(getattr(cls, name))]
+        near = difflib.get_close_matches(name, alike, n=1, cutoff=0.85)
+        if near:
+            warnings.warn(
+                f"{cls.__name__} defines `{name}`, which nothing reads. Is `{near[0]}` meant? If not, choose a name "
+                "that is less near to it.",
+                stacklevel=6,
+            )

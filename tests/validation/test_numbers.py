@@ -154,3 +154,15 @@ def test_a_scene_without_any_array_is_told_of_at_once():
         grid(ball, {"e": [0.5]})
     with pytest.raises(ValueError, match="Declare its fields as jax.Array"):
         hs.check_gradient(ball, lambda ball, simulate: simulate(ball, hs.State([1.0], [0.0]), t1=1.0).final.q[0])
+
+
+def test_a_list_of_numbers_is_a_parameter_where_an_array_is_declared(unchecked):
+    class Listed(Falling):
+        weight: jax.Array
+        e: Float[Array, "contact"]
+        kept: list[Array]
+
+    ball = Listed([9.81], (0.8,), [1.0])
+    assert ball.weight.shape == ball.e.shape == (1,) and ball.kept == [1.0]
+    with pytest.raises(TypeError, match="`weight` of Listed is declared as an array and must hold real numb"):
+        Listed(["heavy"], 0.8, [])

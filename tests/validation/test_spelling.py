@@ -1,0 +1,42 @@
+"""A method that nothing reads, because its name is nearly that of an optional one, is told when its class is made."""
+
+import warnings
+
+import jax.numpy as jnp
+import pytest
+
+import hybridsens as hs
+
+
+def class_with(base, **named):
+    return type("Written", (base,), {"__module__": __name__, **named})
+
+
+NEAR = [
+    (hs.LagrangianScene, "applied_forces", "applied_force"),
+    (hs.LagrangianScene, "potential_energies", "potential_energy"),
+    (hs.AbstractScene, "jump_time", "jump_times"),
+    (hs.AbstractSwitchedScene, "jump_time", "jump_times"),
+    (hs.AbstractHybridSystem, "scheduled_time", "scheduled_times"),
+]
+
+
+@pytest.mark.parametrize(("base", "name", "meant"), NEAR)
+def test_a_method_whose_name_is_nearly_an_optional_one_is_told(base, name, meant):
+    with pytest.warns(UserWarning, match=f"Written defines `{name}`, which nothing reads. Is `{meant}` meant"):
+        class_with(base, **{name: lambda self: None})
+
+
+def test_so_is_a_setting_of_the_class():
+    with pytest.warns(UserWarning, match="`sustained_contacts`, which nothing reads. Is `sustained_contact` meant"):
+        class_with(hs.AbstractScene, sustained_contacts=False)
+
+
+def test_names_of_one_s_own_are_not():
+    """Helpers beside the optional method itself, and such as are near to each other or to what must be written."""
+    method = lambda self: None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        named = dict.fromkeys(("force", "forces", "gap", "gaps", "jump_times", "jump_time", "part_1", "part_2"), method)
+        first = class_with(hs.AbstractScene, **named, coordinate=method)
+        class_with(first, part_3=method, gap_of=jnp.zeros(1))
