@@ -94,13 +94,12 @@ def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -
         step = computed_once(costate.tries >= 0, go)  # always true, which XLA cannot foresee
         gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, step.total)
         judge = lambda: _judge(backward, x0, costate._replace(gathered=gathered), step, h, place.width)
-        accepted, width, size = computed_once(costate.tries >= 0, judge)
+        accepted, width, size, peak = computed_once(costate.tries >= 0, judge)
         finest = h <= time_resolution(place.right, 2)  # cannot be cut: two data times may coincide
         accepted = accepted | finest
         total = jax.tree.map(jnp.add, costate.total, step.total)
         psi, data = _add_data(backward, is_data, step.psi, costate.data)
         worst = costate.worst
-        peak = jnp.maximum(costate.peak, size)
         if step.total_error is not None:
             counts = ~is_noise(size, peak)
             larger = lambda known, new: jnp.maximum(known, (counts * jnp.abs(new)).astype(new.dtype))
@@ -163,16 +162,17 @@ def _add_data(backward: BackwardPass, here, psi, data):
 
 
 def _judge(backward: BackwardPass, x, costate: Costate, step: StepBack, h, width):
-    """Whether a step back resolves what it carries, and the longest step to try next."""
+    """Whether a step back resolves what it carries, the longest step to try next, the size of psi and its largest."""
     if step.psi_error is None:
-        return jnp.array(True), width, costate.peak
+        return jnp.array(True), width, costate.peak, costate.peak
     control = backward.control
     ratio, size = control.of_costate(x, costate.psi, step.psi, step.psi_error, costate.peak)
+    peak = jnp.maximum(costate.peak, size)  # a sweep's first step knows no other
 
     def of_gradient():
         scale = jax.tree.map(jnp.maximum, costate.gathered, costate.foreseen).unpack()
-        return control.of_gradient(backward.step_parameters, scale, step.total_error.unpack(), costate.peak)
+        return control.of_gradient(backward.step_parameters, scale, step.total_error.unpack(), peak)
 
-    looks = costate.strict & ~is_noise(size, costate.peak)
+    looks = costate.strict & ~is_noise(size, peak)
     ratio = jnp.maximum(ratio, lax.cond(looks, of_gradient, lambda: jnp.zeros_like(ratio)))
-    return *control.judge(ratio, h, width), size
+    return *control.judge(ratio, h, width), size, peak
