@@ -78,7 +78,8 @@ def decide_transition(
         return (verdict.mode, verdict.detail), verdict._replace(mode=None, detail=None)
 
     if mode.active.shape[0] > MANY:  # not all will be looked at, and the sizes of all must be known from the start
-        begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, limits.depth[1])
+        rate = gap_and_rate(scene, t, q, v)[1]
+        begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, rate, limits.depth[1])
         mode = lax.cond(event < 0, begin, lambda: mode)
     # Any contact that is near 0 may be closed, at the start and at a jump of the forces too.
     near = scene.gap(t, q) <= NEAR * closeness(q.dtype) * (jnp.max(mode.length) + jnp.max(jnp.abs(q)))
@@ -158,7 +159,8 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: 
     - Turn 0 applies the law with every slow contact plastic.
     - Turn 1 makes those plastic that were held then. It is left out where they are the same.
     - Turn 2 tests whether Gauss's principle holds neighbours that leave slowly, all of them together.
-    - Turn 3 brings those to rest; it is needed in any case, since turn 2 selected with a wider limit.
+    - Turn 3 brings those to rest; it is needed in any case, since turn 2 selected with a wider limit. Impulses that do
+      that may pull other contacts closed: it is repeated with these, until nobody is.
 
     One loop, so that the laws are compiled once; a contact without a neighbour needs turns 0 and 1 alone.
     """
@@ -191,15 +193,18 @@ def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: 
         if not alone:
             rests = selection.active | selection.resting
             more = jnp.any(rests & ~(last.selection.active | last.selection.resting))
-            all_of_them = independent_superset(geometry.delassus_matrix, selection.active, rests)
-            brought_to_rest = jnp.where(together, all_of_them & more, brought_to_rest)
+            pulled = (k == 3) & jnp.any(brought_to_rest) & impacting & (rate_after < -rest_speed)
+            first = jnp.where(together, selection.active, brought_to_rest)
+            wanted = jnp.where(together, rests, brought_to_rest | pulled)
+            brought_to_rest = independent_superset(geometry.delassus_matrix, first, wanted) & (more | ~together)
         return Impact(plastic, support, brought_to_rest, v_after, selection)
 
     def next_turn(carry):
         k, last = carry
         impact = turn(k, last)
         as_it_was = (k == 0) & ~jnp.any(impact.plastic != last.plastic)  # turn 1 would apply the same law again
-        return jnp.where(as_it_was, 2, k + 1), impact
+        again = (k == 3) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
+        return jnp.where(as_it_was, 2, jnp.where(again, 3, k + 1)), impact
 
     several = (not alone) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with
     turns = jnp.where(several, 4, 2)

@@ -41,7 +41,7 @@ def look_at_event(
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
     pressed = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
-    mode = wider_scales(mode, geometry.jacobian, q, v, atol)
+    mode = wider_scales(mode, geometry.jacobian, q, v, rate, atol)
     tolerance = gap_tolerance(mode.length)
     start = event < 0
     triggered = jnp.arange(gap.shape[0]) == event
@@ -78,13 +78,11 @@ def acted_on_nearby(geometry: ContactGeometry, struck: Bool[Array, "contact"]) -
     return terms > closeness(diagonal.dtype) * jnp.sqrt(diagonal * (of_struck @ diagonal))
 
 
-def wider_scales(mode: ContactMode, jacobian: Float[Array, "contact dof"], q, v, atol) -> ContactMode:
+def wider_scales(mode: ContactMode, jacobian: Float[Array, "contact dof"], q, v, rate, atol) -> ContactMode:
     """Sizes of gaps and rates, at least what `atol`, the caller's word for a size that does not matter, says: it
-    gives a scale to a scene that rests at the origin."""
+    gives a scale to a scene that rests at the origin. A wall that moves towards a body at rest has a rate as well."""
     size = jnp.abs(jacobian)
     floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
-    length, speed = (
-        jnp.maximum(jnp.maximum(known, floor), size @ jnp.abs(of))
-        for known, of in ((mode.length, q), (mode.speed, v))
-    )
+    length = jnp.maximum(jnp.maximum(mode.length, floor), size @ jnp.abs(q))
+    speed = jnp.maximum(jnp.maximum(mode.speed, floor), jnp.maximum(size @ jnp.abs(v), jnp.abs(rate)))
     return dataclasses.replace(mode, length=length, speed=speed)

@@ -37,7 +37,7 @@ class ContactMode(eqx.Module):
     length: Float[Array, "contact"]
     """Largest |G|^T |q| met so far: what rounding in the gap is relative to, also where q happens to pass 0 [m]."""
     speed: Float[Array, "contact"]
-    """Largest |G|^T |v| met so far: what rounding in the gap rate is relative to, also at rest [m/s]."""
+    """Largest |G|^T |v| or |Phi'| met so far: what rounding in the gap rate is relative to, also at rest [m/s]."""
 
     @property
     def held(self) -> Bool[Array, "contact"]:
