@@ -81,8 +81,12 @@ def _samples(problem: Problem, options: Options, motion: Motion):
         return None
     solver = options.method.replay_solver(_flow_size(problem, options))
     samples = sample_states(problem.system, solver, motion, problem.ts, forward_mode=True)  # `_sample_vjp` goes back
-    reached = problem.ts <= motion.t
-    return jnp.where(reached[:, None], samples, jnp.nan)  # one that broke off has no states further on
+    return jnp.where(_reached(problem.ts, motion), samples, jnp.nan)
+
+
+def _reached(ts, motion: Motion):
+    """Which samples a motion has come to: one that broke off has no states further on, and no derivatives of them."""
+    return (ts <= motion.t)[:, None]
 
 
 def go_back(
@@ -92,9 +96,10 @@ def go_back(
     motion = _follow(problem, options, motion)  # forward over reverse
     system, method = problem.system, options.method
     replay = method.replay_solver(_flow_size(problem, options))
-    final = filled(motion.x, cotangent.final)
-    of_rows = Observables(final, cotangent.samples, in_rows_recorded(motion, method.max_events, cotangent.events))
-    ts = None if cotangent.samples is None else problem.ts
+    final, of_samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
+    if of_samples is not None:
+        ts, of_samples = problem.ts, jnp.where(_reached(problem.ts, motion), of_samples, 0)
+    of_rows = Observables(final, of_samples, in_rows_recorded(motion, method.max_events, cotangent.events))
     controlled = method.derivative_rtol != math.inf
     control = _control(method, replay)
     inside = in_steps(system, options.mode, problem.t1, motion.x)
@@ -105,7 +110,7 @@ def go_back(
         stepper = method.stepper(_flow_size(problem, options))
         find_steps = partial(recomputed_steps, problem.system, stepper, start, problem.t1)
     gradient = pull_back(backward, find_steps, motion, start, problem.t1, (way.by_t0, way.by_t1))
-    ts_bar = None if ts is None else _by_sample_times(problem, replay, motion, cotangent.samples)
+    ts_bar = None if ts is None else _by_sample_times(problem, replay, motion, of_samples)
     return Problem(gradient.system, gradient.x0, gradient.t0, gradient.t1, ts_bar)
 
 

@@ -137,6 +137,19 @@ def test_room_for_events_is_used_up():
     assert bool(jnp.all(jnp.isfinite(trajectory.events.time)))
 
 
+@pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
+def test_a_sample_that_a_motion_broke_off_before_has_no_derivative(adjoint):
+    """Its value is nan, so that nobody takes it for one; a derivative of what is there does not depend on it."""
+
+    def samples(later):
+        settings = dict(t1=5.0, max_events=2, throw=False, adjoint=adjoint)
+        return hs.simulate(BALL, START, ts=later + jnp.array([0.1, 4.9]), **settings).q[:, 0]
+
+    differentiate = jax.jacfwd if adjoint.forward_mode else jax.jacrev
+    assert jnp.isnan(samples(0.0)).tolist() == [False, True]
+    assert differentiate(samples)(0.0)[0] < 0 == differentiate(samples)(0.0)[1]
+
+
 def test_room_for_steps_is_used_up():
     """And no more steps were tried than there was room for."""
     trajectory = compiled(max_steps=4)(**arrays())
