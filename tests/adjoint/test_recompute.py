@@ -1,10 +1,14 @@
 """Replay with recomputed segments: the same gradient from the events alone."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import pytest
 
 import hybridsens as hs
+from hybridsens.adjoint import segment_steps
+from hybridsens.forward.segment import solve_segment
 from hybridsens.scenes import BouncingBall
 from tests.closeness import assert_close
 from tests.problems import reference_scenes
@@ -40,6 +44,24 @@ def test_the_gradient_is_that_of_the_recorded_steps(gradients):
     assert motion.events.kind[motion.events.count - 1] == hs.EventKind.CAPTURE
     assert value == value_again
     assert_close(again, kept, 1e-14)
+
+
+@pytest.mark.parametrize(("shift", "room"), [(1e-10, 101), (1e-5, 102)])
+def test_a_segment_may_end_elsewhere_by_rounding_alone(gradients, monkeypatch, shift, room):
+    """Where a gap closes slowly another program finds another time, and perhaps one step more; a segment that ended at
+    another event gives no gradient."""
+
+    def shifted(*given):
+        motion, end = solve_segment(*given)
+        return dataclasses.replace(motion, t=motion.t + shift), end
+
+    monkeypatch.setattr(segment_steps, "solve_segment", shifted)
+    adjoint = hs.Replay(recompute=True, segment_steps=room)  # a program of its own
+    again = jax.jit(jax.grad(lambda p: final_height(p, adjoint)[0]))(P)
+    if shift == 1e-10:
+        assert_close(again, gradients[0](P)[1], 1e-14)
+    else:
+        assert jnp.all(jnp.isnan(again[:3]))  # that by t1 needs no segment
 
 
 @pytest.mark.slow
