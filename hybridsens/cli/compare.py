@@ -6,14 +6,20 @@ from typing import Annotated
 import typer
 
 from .models import HELP, complete, file_name, runnable
+from .options import file_to_write, picture_to_write
 
 
 def compare(
     scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)] = "elastic-stop",
     tolerance: Annotated[float, typer.Option(help="rtol and atol of the methods with error control.")] = 1e-8,
     steps: Annotated[int, typer.Option(help="Steps of the methods with a fixed step.")] = 10_000,
-    output: Annotated[Path | None, typer.Option(help="Picture. Default: hybridsens-compare-SCENE.png here.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Also write the table to this CSV file.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(callback=picture_to_write, help="Picture. Default: hybridsens-compare-SCENE.png here."),
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option(callback=file_to_write, help="Also write the table to this CSV file.")
+    ] = None,
 ) -> None:
     """Gradients by this package and by naive automatic differentiation: errors, times, memory. Ctrl-C keeps rows."""
     from ..comparison.compare import compare as run  # matplotlib and the baselines are needed by this command only

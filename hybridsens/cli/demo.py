@@ -24,6 +24,7 @@ from ..systems import ShippedSystem
 from ..waiting import waiting
 from .as_json import Json, print_json
 from .models import HELP, complete, file_name, runnable
+from .options import picture_to_write
 
 WIDTH = 80
 
@@ -31,7 +32,8 @@ WIDTH = 80
 def demo(
     scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)] = "elastic-stop",
     output: Annotated[
-        Path | None, typer.Option(help="Picture: .png, .pdf, .svg. Default: hybridsens-SCENE.png here.")
+        Path | None,
+        typer.Option(callback=picture_to_write, help="Picture: .png, .pdf, .svg. Default: hybridsens-SCENE.png here."),
     ] = None,
     tolerance: Annotated[float, typer.Option(help="Relative and absolute tolerance of the integration.")] = 1e-8,
     json: Json = False,
@@ -40,7 +42,7 @@ def demo(
     chosen = runnable(scene)
     if not 1e-13 <= tolerance <= 1e-2:
         raise typer.BadParameter(f"the tolerance must lie between 1e-13 and 1e-2, but is {tolerance:g}")
-    output = _writable(output or Path(f"hybridsens-{file_name(scene)}.png"))
+    output = output or Path(f"hybridsens-{file_name(scene)}.png")
     with waiting("compiling the motion and its gradients", shown=True):
         shown = demonstrate(chosen, tolerance=tolerance)
     if json:
@@ -105,15 +107,6 @@ def _print_events(console: Console, motion: Trajectory | Solution) -> None:
             elif j == MOST_ROWS // 2:
                 table.add_row("...", f"({len(rows) - MOST_ROWS} more)")
         console.print(table)
-
-
-def _writable(output: Path) -> Path:
-    formats = Figure().canvas.get_supported_filetypes()
-    if output.suffix.removeprefix(".") not in formats:
-        raise typer.BadParameter(f"{output} must end in one of .{', .'.join(sorted(formats))}")
-    if not output.parent.is_dir():
-        raise typer.BadParameter(f"there is no folder {output.parent} to write the picture to")
-    return output
 
 
 def _print_gradients(console: Console, shown: Demonstration) -> None:

@@ -8,6 +8,7 @@ import typer
 
 from .as_json import Json, print_json
 from .models import HELP, complete, startable
+from .options import by_name, file_to_write, picture_to_write
 
 
 def fit(
@@ -27,9 +28,14 @@ def fit(
     skip_missing: Annotated[bool, typer.Option(help="Leave empty cells out instead of refusing them.")] = False,
     max_iterations: Annotated[int, typer.Option(help="Room for iterations.")] = 100,
     store: Annotated[
-        Path | None, typer.Option(help="JSON file that keeps the best values at any time; a fit goes on from it.")
+        Path | None,
+        typer.Option(
+            callback=file_to_write, help="JSON file that keeps the best values at any time; a fit goes on from it."
+        ),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Picture of data, fit and residuals to write.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(callback=picture_to_write, help="Picture of data, fit and residuals to write.")
+    ] = None,
     quiet: Annotated[bool, typer.Option(help="Print the result alone, no iterations.")] = False,
     json: Json = False,
 ) -> None:
@@ -45,7 +51,7 @@ def fit(
                                missing="skip" if skip_missing else "raise")  # fmt: skip
     result = run_fit(
         _with_guess(startable(scene), guess or []), record, parameters=_split(parameters),
-        bounds=dict(_bound(text) for text in bound or []), optimizer=optimizer, robust=robust, starts=starts,
+        bounds=by_name("--bound", bound or [], _bound), optimizer=optimizer, robust=robust, starts=starts,
         strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations,
         progress=not (quiet or json), store=store,
     )  # fmt: skip
@@ -85,9 +91,9 @@ def _with_guess(scene: Any, guesses: list[str]) -> Any:
     if not guesses:
         return scene
     scene = concrete(scene)  # numbers that a class gives as plain Python floats are parameters too
-    pairs, known = [_guess(text) for text in guesses], list(parameter_places(scene))
-    selection = select(scene, [_known(name, known) for name, _ in pairs])
-    numbers = [number for _, numbers in pairs for number in numbers]
+    given, known = by_name("--guess", guesses, _guess), list(parameter_places(scene))
+    selection = select(scene, [_known(name, known) for name in given])
+    numbers = [number for numbers in given.values() for number in numbers]
     if len(numbers) != len(selection.labels):
         raise typer.BadParameter(
             f"the guesses must have a number for each of {', '.join(selection.labels)}, but have {len(numbers)}"
@@ -118,12 +124,12 @@ def _known(name: str, known: list[str]) -> str:
 def _bound(text: str) -> tuple[str, Any]:
     name, _, ends = text.partition("=")
     if ends == "positive":
-        return name, ends
+        return name.strip(), ends
     try:
         low, high = (float(end) if end else None for end in ends.split(":"))
     except ValueError as error:
         raise typer.BadParameter(f"{text!r} must have the form NAME=LO:HI or NAME=positive") from error
-    return name, (low, high)
+    return name.strip(), (low, high)
 
 
 def _split(text: str) -> list[str]:

@@ -44,6 +44,10 @@ def model(name: str) -> Any:
         return chosen()
     except TypeError as error:
         raise typer.BadParameter(f"{class_name} must have a default for every parameter, but {error}") from error
+    except (ValueError, OSError, ImportError) as error:
+        raise typer.BadParameter(
+            f"{class_name} of {file} must be made by {class_name}(), which raises {type(error).__name__}: {error}"
+        ) from error
 
 
 def file_name(name: str) -> str:

@@ -8,6 +8,17 @@ import typer
 
 from ..validation.spelling import did_you_mean
 from .models import HELP, complete, runnable
+from .options import by_name, file_to_write, picture_to_write
+
+
+def _output(path: Path) -> Path:
+    """Where results go; a store makes its folders by itself."""
+    if path.suffix not in (".zarr", ".nc"):
+        raise typer.BadParameter(f"{path} must end in .zarr or .nc")
+    if path.suffix == ".nc":
+        file_to_write(path)
+    return path
+
 
 _Vary = Annotated[list[str], typer.Option(help="NAME=LOW:HIGH:COUNT; a design other than a grid takes NAME=LOW:HIGH.")]
 
@@ -16,14 +27,20 @@ def sweep(
     scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)],
     vary: _Vary,
     output: Annotated[
-        Path, typer.Option(help="A .zarr store, streamed to and resumed, or a .nc file written at the end.")
+        Path,
+        typer.Option(
+            callback=_output, help="A .zarr store, streamed to and resumed, or a .nc file written at the end."
+        ),
     ],
     design: Annotated[str, typer.Option(help="grid, random, latin-hypercube, sobol or saltelli.")] = "grid",
     points: Annotated[
         int, typer.Option(help="Number of points of a design other than a grid (saltelli: its base).")
     ] = 1024,
     seed: Annotated[int, typer.Option(help="Seed of a random design.")] = 0,
-    plot: Annotated[Path | None, typer.Option(help="Picture of the maps to write (a grid of two parameters).")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(callback=picture_to_write, help="Picture of the maps to write (a grid of two parameters)."),
+    ] = None,
     t1: Annotated[float | None, typer.Option(help="End of the horizon. Default: the scene's own.")] = None,
     tolerance: Annotated[float, typer.Option(help="Relative and absolute tolerance of the integration.")] = 1e-8,
     max_events: Annotated[int, typer.Option(help="Room for events at each point.")] = 64,
@@ -35,10 +52,10 @@ def sweep(
     from ..sweeps import sweep as run_sweep
 
     _use_all_cores()
-    if output.suffix not in (".zarr", ".nc"):
-        raise typer.BadParameter(f"{output} must end in .zarr or .nc")
     nominal = runnable(scene)
     chosen = _design(nominal, vary, design, points, seed)
+    if plot is not None:
+        _check_map(chosen)
     cost = _cost(nominal.t1 if t1 is None else t1, tolerance, max_events, max_steps)
     store = output if output.suffix == ".zarr" else None
     dataset = run_sweep(cost, chosen, store=store, chunk=chunk)
@@ -77,7 +94,7 @@ def _design(scene, vary: list[str], kind: str, points: int, seed: int):
 
     from ..sweeps import designs
 
-    ranges = dict(_range(text) for text in vary)
+    ranges = by_name("--vary", vary, _range)
     if kind == "grid":
         short = [name for name, numbers in ranges.items() if len(numbers) != 3]
         if short:
@@ -99,6 +116,14 @@ def _design(scene, vary: list[str], kind: str, points: int, seed: int):
     return makers[kind](scene, {name: (numbers[0], numbers[1]) for name, numbers in ranges.items()}, points, seed)
 
 
+def _check_map(design) -> None:
+    if design.kind != "grid" or len(design.shape) != 2:
+        raise typer.BadParameter(
+            f"--plot must have a grid of two parameters to draw, but the design is {design.kind} in "
+            f"{', '.join(design.columns)}: leave --plot out, or vary two parameters on a grid"
+        )
+
+
 def _range(text: str) -> tuple[str, list[float]]:
     name, _, numbers = text.partition("=")
     try:
@@ -107,4 +132,4 @@ def _range(text: str) -> tuple[str, list[float]]:
         values = []
     if len(values) not in (2, 3) or (len(values) == 3 and (values[2] < 1 or values[2] != int(values[2]))):
         raise typer.BadParameter(f"{text!r} must have the form NAME=LOW:HIGH or NAME=LOW:HIGH:COUNT")
-    return name, values
+    return name.strip(), values

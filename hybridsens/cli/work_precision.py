@@ -7,6 +7,7 @@ import typer
 
 from ..validation.spelling import did_you_mean
 from .models import HELP, complete, file_name, runnable
+from .options import file_to_write, picture_to_write
 
 METHODS = ("Replay", "ForwardSensitivities", "ContinuousCostate", "DiffraxAdjoint")
 
@@ -17,10 +18,15 @@ def work_precision(
     method: Annotated[list[str] | None, typer.Option(help=f"One of {', '.join(METHODS)}; repeat for more.")] = None,
     single: Annotated[bool, typer.Option(help="Measure float32 as well.")] = True,
     target: Annotated[float, typer.Option(help="Gradient error to recommend a setting for.")] = 1e-6,
-    output: Annotated[Path | None, typer.Option(help="Picture. Default: work-precision-SCENE.png here.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(callback=picture_to_write, help="Picture. Default: work-precision-SCENE.png here.")
+    ] = None,
     store: Annotated[
         Path | None,
-        typer.Option(help="Points, a .csv file; those in it are kept. Default: new ones, beside the picture."),
+        typer.Option(
+            callback=file_to_write,
+            help="Points, a .csv file; those in it are kept. Default: new ones, beside the picture.",
+        ),
     ] = None,
 ) -> None:
     """Errors of J and of its gradient against time per gradient, and the setting to choose. Ctrl-C keeps the points."""

@@ -42,6 +42,9 @@ def check_gradient(
        the next; and there the determinant of the state's variation, which is known: e^2 at an impact (0 with a held
        contact) times exp(int tr f_x dt). For motions of a scene.
 
+    Deviations are relative to the entry, but to no less than 1e-3 of the largest entry, each times its parameter, or
+    the slope that J has nearby: of a smaller entry, even a wrong one, deviations below `tolerance` times that pass.
+
     Where something is in doubt, `causes` says what is likely behind it, and what to do.
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`, without

@@ -20,7 +20,8 @@ class Growth(NamedTuple):
     """How variations of the initial state grow along a motion."""
 
     exponent: Float[Array, ""]
-    """log(growth) / (t1 - t0), the largest finite-time Lyapunov exponent [1/s]."""
+    """log(growth) / (t1 - t0), the largest finite-time Lyapunov exponent [1/s]; nan for a motion that broke off
+    before t1 (with `throw=False`), whose growth and matrix are those of its last state."""
     growth: Float[Array, ""]
     """Largest singular value of `matrix`: by how much the worst variation of the initial state is multiplied."""
     matrix: Float[Array, "state state"]
@@ -61,4 +62,5 @@ def lyapunov(
 
     matrix, trajectory = jax.jacfwd(final, has_aux=True)(start)
     growth = jnp.linalg.norm(matrix, 2)
-    return Growth(jnp.log(growth) / (t1 - t0), growth, matrix, trajectory)
+    exponent = jnp.where(trajectory.status.reached_end, jnp.log(growth) / (t1 - t0), jnp.nan)
+    return Growth(exponent, growth, matrix, trajectory)

@@ -13,7 +13,7 @@ def read_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns of a CSV file with a header; empty cells are NaN, lines that start with # are comments.
 
     Raises: ValueError, naming the file, if it is a folder, is not UTF-8, has other separators than commas, two columns
-    of one name, or a cell that is no number.
+    of one name or a column of none, or a cell that is no number.
     """
     lines = [line for line in _text(path).splitlines() if line.strip() and line[0] != "#"]
     if len(lines) < 2:
@@ -21,6 +21,7 @@ def read_csv(path: Path) -> dict[str, np.ndarray]:
     header, *rows = csv.reader(lines, skipinitialspace=True)
     header = [name.strip() for name in header]
     _check_separator(path, header)
+    _check_named(path, header)
     check_different(header, str(path))
     cells = [[_number(path, n, name, cell) for name, cell in zip(header, row, strict=True)]
              for n, row in enumerate(_full(path, header, rows))]  # fmt: skip
@@ -73,10 +74,22 @@ def _check_separator(path: Path, header: list[str]) -> None:
         )
 
 
+def _check_named(path: Path, header: list[str]) -> None:
+    if "" in header:
+        raise ValueError(
+            f"{path} must have a name for each column, but has an unnamed column in {','.join(header)!r}: name it, or "
+            "remove the comma that is too many, in the rows too."
+        )
+
+
 def _full(path: Path, header: list[str], rows: list[list[str]]) -> list[list[str]]:
     for n, row in enumerate(rows):
         if len(row) != len(header):
-            raise ValueError(f"{path}: row {n} (counted from 0) must have {len(header)} cells, but has {len(row)}.")
+            too_many = len(row) > len(header) and not row[-1].strip()
+            empty = ", the last one empty: remove the comma at its end" if too_many else ""
+            raise ValueError(
+                f"{path}: row {n} (counted from 0) must have {len(header)} cells, but has {len(row)}{empty}."
+            )
     return rows
 
 

@@ -1,12 +1,10 @@
 """Measurements: what was seen, when, and how exactly; with every requirement checked when they are made."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
 import numpy as np
-
-from ..validation.spelling import did_you_mean
 
 
 class Measurements(eqx.Module):
@@ -17,8 +15,8 @@ class Measurements(eqx.Module):
     values: np.ndarray
     """(sample, observation) what was measured; NaN where nothing was."""
     sigmas: np.ndarray | None
-    """(sample, observation) standard deviations; None: equal and unknown, to be estimated from the fit, where no event
-    times are weighed against them."""
+    """(sample, observation) standard deviations; None: equal and unknown, to be estimated from the fit, where neither
+    event times nor priors are weighed against them."""
     names: tuple[str, ...]
     """One for each observation."""
     event_times: np.ndarray
@@ -82,7 +80,7 @@ def measurements(
     - `times`: (sample,) strictly increasing [s].
     - `values`: (sample,) or (sample, observation).
     - `sigma`: standard deviations, anything that broadcasts to the values; None if they are equal and unknown. A
-      fit of values and event times needs them.
+      fit of values and event times needs them, and one with priors.
     - `names`: names of the observations; default q0, q1, ...
     - `missing`: "raise" on a NaN among the values or event times, or "skip" to leave those entries out of the fit.
     - `event_times`, `event_sigma`, `event_contacts`: times of impacts [s], their standard deviation (required with
@@ -154,8 +152,8 @@ def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
         gaps = np.flatnonzero(np.isnan(column))
         if gaps.size and missing == "raise":
             raise ValueError(
-                f'Column {name!r} must have a value in every row, but is NaN at {_rows(gaps)}. With missing="skip" '
-                "such entries are left out of the fit."
+                f"Column {name!r} must have a value in every row, but is NaN at {_rows(gaps)}. Such entries are left "
+                'out of the fit by `read_measurements(data, missing="skip")`, in a terminal by --skip-missing.'
             )
         if gaps.size == column.size > 0:
             raise ValueError(f"Column {name!r} must have at least one value, but is NaN everywhere.")
@@ -193,17 +191,3 @@ def _event_columns(events: np.ndarray, sigma: Any, contacts: Any) -> tuple[np.nd
 def _rows(rows: np.ndarray) -> str:
     shown = ", ".join(str(int(row)) for row in rows[:5])
     return f"row{'s' if rows.size > 1 else ''} {shown}{', ...' if rows.size > 5 else ''} (counted from 0)"
-
-
-def named_columns(table: Mapping[str, Any], time: str, columns: Sequence[str] | None) -> list[str]:
-    """Names of the observed columns of a table: those asked for, or all but the time and the `sigma_...` columns.
-
-    Raises: ValueError if the time or an asked-for column is not in the table.
-    """
-    wanted = [time, *(columns or ())]
-    unknown = [name for name in wanted if name not in table]
-    if unknown:
-        raise ValueError(
-            f"The table must have the columns {unknown}, but has {list(table)}.{did_you_mean(unknown, table)}"
-        )
-    return list(columns) if columns else [name for name in table if name != time and not name.startswith("sigma_")]

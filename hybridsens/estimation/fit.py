@@ -28,6 +28,7 @@ from .problem import Problem
 from .result import FitResult
 from .starts import RandomStarts, Starts, descend_from_all, spread_starts
 from .store import Store
+from .study import study_digest
 from .tables import read_measurements
 
 
@@ -77,7 +78,7 @@ def fit(
       `initial_mode()`, or None. Measured event times are those of a system's events, or of a scene's impacts, and
       `event_contacts` says which of them.
     - `bounds`: name -> "positive" or (lo, hi), None for an open end; kept by a transformation of the parameter.
-    - `priors`: name -> (mean, sigma).
+    - `priors`: name -> (mean, sigma). The values must have sigmas too, by which priors are weighed against them.
     - `robust`: residuals beyond so many sigmas count linearly, for data with outliers and with sigmas; None: all count
       squared.
     - `t0`, `t1`: horizon [s]; t1 is the last measured time by default, and a tenth more where that is an event's, so
@@ -92,10 +93,12 @@ def fit(
       function that is called with every `Iteration`, and stops the fit by returning True. Ctrl-C ends it too. The best
       point so far is returned, if there is one; `fit(result.scene, ...)` goes on.
     - `store`: a JSON file that holds the best values at any time. If it is there already, the fit goes on from them
-      instead of the scene's.
+      instead of the scene's. That of other measurements, another model, other numbers in it that are not fitted, or
+      another beginning is refused.
     - `settings`: see `Settings`; rtol = atol = 1e-8, 256 events and 4096 steps by default.
 
-    Raises: ValueError for measurements, names, bounds or priors that do not fit; for a guess whose motion fails.
+    Raises: ValueError for measurements, names, bounds or priors that do not fit; for priors or event times beside
+    values without sigmas; for the `store` of another study; for a guess whose motion fails.
     """
     if not isinstance(scene, AbstractScene | AbstractHybridSystem):
         raise TypeError(f"`scene` must be a scene or a system, and come before the data, but is {kind_of(scene)}.")
@@ -108,7 +111,7 @@ def fit(
     experiment = prepare.Experiment(state, mode, observe, t0, t1, chosen)
     unknowns = prepare.Unknowns(parameters, bounds, priors)
     problem = prepare.build_problem(scene, measured, unknowns, experiment, robust)
-    keeper = None if store is None else Store(Path(store), problem.selection)
+    keeper = None if store is None else Store(Path(store), problem.selection, study_digest(problem, measured))
     guess = problem.selection.from_values(problem.selection.values(problem.scene))
     kept = None if keeper is None else keeper.read()
     z = guess if kept is None else problem.selection.from_values(kept)

@@ -53,6 +53,8 @@ def build_problem(
 
     Raises: ValueError or TypeError for what does not fit together.
     """
+    if by_name("priors", unknowns.priors):
+        _check_sigmas(data, "priors", "priors are given")
     scene = concrete(scene)
     begin = beginning(scene, experiment.state, experiment.mode)
     selection = select(scene, unknowns.parameters, unknowns.bounds)
@@ -72,12 +74,8 @@ def observations(data: Measurements) -> Observations:
 
     Raises: ValueError if values without sigmas are to be weighed against event times, or some contacts are unknown.
     """
-    if data.any_events and not data.sigmas_known:
-        raise ValueError(
-            "The values must have sigmas where event times are fitted too, but have none: give `sigma` (or columns "
-            "sigma_<name>), by which event times are weighed against values. A fit of the values alone estimates it: "
-            "`result.uncertainty.noise`."
-        )
+    if data.any_events:
+        _check_sigmas(data, "event times", "event times are fitted too")
     known = np.isfinite(data.values)
     sigmas = np.ones_like(data.values) if data.sigmas is None else data.sigmas
     contacts = data.event_contacts
@@ -89,6 +87,16 @@ def observations(data: Measurements) -> Observations:
     arrays = (data.times, np.where(known, data.values, 0), np.where(known, 1 / sigmas, 0), event_times, event_weights,
               contacts, np.array(ranks, int))  # fmt: skip
     return Observations(*(jnp.asarray(a) for a in arrays))
+
+
+def _check_sigmas(data: Measurements, others: str, where: str) -> None:
+    """Raises: ValueError if values without sigmas are to be weighed against others, whose sigmas are known."""
+    if not data.sigmas_known:
+        raise ValueError(
+            f"The values must have sigmas where {where}, but have none: give `sigma` (or columns sigma_<name>), by "
+            f"which {others} are weighed against values. A fit of the values alone estimates it: "
+            "`result.uncertainty.noise`."
+        )
 
 
 def _check_events(contacts: np.ndarray, name: str, count: int) -> None:

@@ -12,24 +12,27 @@ from .parameters import Selection, check_inside
 
 
 class Store(NamedTuple):
-    """A JSON file with the names and the best values of the fitted parameters."""
+    """A JSON file with the names and the best values of the fitted parameters, and the digest of their study."""
 
     path: Path
     selection: Selection
+    study: str
+    """See `study_digest`."""
 
     def write(self, z) -> None:
         """Replace the file in one move, so that it is whole at any time; unknowns after the parameters are left out."""
         labels = self.selection.labels
         values = np.asarray(self.selection.to_values(jnp.asarray(z[: len(labels)])))
+        kept = {"values": dict(zip(labels, values.tolist(), strict=True)), "study": self.study}
         draft = self.path.with_name(self.path.name + ".part")
-        draft.write_text(json.dumps(dict(zip(labels, values.tolist(), strict=True)), indent=2) + "\n")
+        draft.write_text(json.dumps(kept, indent=2) + "\n")
         os.replace(draft, self.path)
 
     def read(self) -> np.ndarray | None:
         """Values of the parameters; None if there is no file yet.
 
         Raises: ValueError for a path that cannot be written to, and for a file that holds no values, those of other
-        parameters, or values outside their bounds.
+        parameters or of another study, or values outside their bounds.
         """
         if self.path.is_dir() or not self.path.parent.is_dir():
             what = "is a folder" if self.path.is_dir() else "is in a folder that does not exist"
@@ -37,24 +40,33 @@ class Store(NamedTuple):
                              f"{what}.")  # fmt: skip
         if not self.path.exists():
             return None
-        saved, labels = self._saved(), self.selection.labels
+        (saved, study), labels = self._saved(), self.selection.labels
         if tuple(saved) != labels:
             raise ValueError(
                 f"`store` must be of the same parameters {labels}, but {self.path} has {tuple(saved)}."
+            )
+        if study != self.study:
+            raise ValueError(
+                f"`store` must be of the same study, but {self.path} is of other measurements, another model, other "
+                "numbers in it that are not fitted, or another beginning. Remove it, or name another file."
             )
         values = np.array(list(saved.values()), float)
         check_inside(f"value in {self.path}", self.selection, values)
         return values
 
-    def _saved(self) -> dict[str, float]:
+    def _saved(self) -> tuple[dict[str, float], str]:
         try:
             saved: Any = json.loads(self.path.read_text())
         except ValueError as error:  # no JSON, or no text
             raise ValueError(f"`store` must be a JSON file, but {self.path} is none: {error}.") from error
-        values = saved.values() if isinstance(saved, dict) else [None]
-        if not all(isinstance(value, int | float) for value in values):
-            raise ValueError(
-                f"`store` must be a JSON file of names and numbers, but {self.path} has {str(saved)[:60]}. Remove "
-                "it, or name another file."
-            )
-        return saved
+        values, study = (saved.get(key) if isinstance(saved, dict) else None for key in ("values", "study"))
+        if isinstance(values, dict) and isinstance(study, str) and all(map(_is_number, values.values())):
+            return values, study
+        raise ValueError(
+            f"`store` must be a JSON file of names and numbers that a fit wrote, but {self.path} has "
+            f"{str(saved)[:60]}. Remove it, or name another file."
+        )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float)

@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from ..validation.spelling import did_you_mean
 from .csv_file import check_different, read_csv
-from .data import Measurements, measurements, named_columns
+from .data import Measurements, measurements
+
+_SIGMA = "sigma_"
 
 
 def read_measurements(
@@ -31,8 +34,9 @@ def read_measurements(
     - `missing`: "raise" on a NaN (an empty cell), or "skip" those entries.
     - `events`: `event_times`, `event_sigma`, `event_contacts` as in `measurements`.
 
-    Raises: ValueError for a file that is no CSV file in UTF-8 with commas, two columns of one name, unknown columns,
-    cells that are no numbers, and everything that `measurements` refuses.
+    Raises: ValueError for a file that is no CSV file in UTF-8 with commas, two columns of one name or a column of none,
+    unknown columns, sigmas of a column that is not there, cells that are no numbers, and everything that `measurements`
+    refuses.
     """
     if isinstance(data, Measurements):
         return data
@@ -40,8 +44,8 @@ def read_measurements(
     if isinstance(data, tuple) and len(data) == 2:
         return measurements(*data, sigma=sigma, names=columns, missing=missing, **events)
     table = _as_mapping(data)
-    time = time or next((name for name in ("t", "time") if name in table), "t")
-    names = named_columns(table, time, columns)
+    time = time or _time_column(table)
+    names = _observed_columns(table, time, columns)
     if not names:
         raise ValueError(f"The table must have at least one observed column beside the time, but has {list(table)}.")
     if sigma is None:
@@ -50,15 +54,48 @@ def read_measurements(
     return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
 
 
+def _time_column(table: Mapping[str, Any]) -> str:
+    """Raises: ValueError if none has the name of one, with the name of that which may be it."""
+    known = next((name for name in ("t", "time") if name in table), None)
+    if known is None:
+        near = next((name for name in table if str(name).lower().startswith("time")), "name")
+        raise ValueError(
+            f'The table must have a column of times "t" or "time", but has {list(table)}. Say which one it is: '
+            f"`read_measurements(data, time={near!r})`, or rename it."
+        )
+    return known
+
+
+def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str] | None) -> list[str]:
+    """Names of the observed columns of a table: those asked for, or all but the time and the `sigma_...` columns.
+
+    Raises: ValueError for a column that is not in the table, but is asked for or has a sigma.
+    """
+    unknown = [name for name in (time, *(columns or ())) if name not in table]
+    if unknown:
+        raise ValueError(
+            f"The table must have the columns {unknown}, but has {list(table)}.{did_you_mean(unknown, table)}"
+        )
+    if columns:
+        return list(columns)
+    alone = [name for name in table if name.startswith(_SIGMA) and name.removeprefix(_SIGMA) not in table]
+    if alone:
+        raise ValueError(
+            f"The table must have a column <name> for each sigma_<name>, but has none for {alone}: rename or remove "
+            "them, or choose with `columns`."
+        )
+    return [name for name in table if name != time and not name.startswith(_SIGMA)]
+
+
 def _sigma_columns(table: Mapping[str, Any], names: Sequence[str]) -> np.ndarray | None:
-    given = [name for name in names if f"sigma_{name}" in table]
+    given = [name for name in names if _SIGMA + name in table]
     if not given:
         return None
     if len(given) != len(names):
         raise ValueError(
             f"Sigmas must be given for all observed columns {list(names)} or for none, but only for {given}."
         )
-    return np.stack([np.asarray(table[f"sigma_{name}"], float) for name in names], axis=1)
+    return np.stack([np.asarray(table[_SIGMA + name], float) for name in names], axis=1)
 
 
 def _as_mapping(data: Any) -> Mapping[str, Any]:

@@ -64,10 +64,10 @@ def animate(
     - `frames_per_second`, `speed`: of the picture; speed 0.5 shows the motion at half its pace.
     - `size`: of the picture, in inches.
 
-    Each frame shows the sample that is nearest to its time.
-    Raises: ValueError without samples, without outlines, or for more than 600 frames.
+    Each frame shows the sample that is nearest to its time. A motion that broke off is shown as far as it came.
+    Raises: ValueError without samples, or where the motion reached none; without outlines; for more than 600 frames.
     """
-    ts, q = must_be_sampled(trajectory)
+    ts, q = _reached(*must_be_sampled(trajectory))
     outlines = _outlines(scene, draw)
     count = int(np.ceil((ts[-1] - ts[0]) / speed * frames_per_second)) + 1
     if count > MOST_FRAMES:
@@ -76,6 +76,17 @@ def animate(
     nearest = np.abs(ts[None, :] - times[:, None]).argmin(axis=1)
     frames = [[np.asarray(body) for body in outlines(q[k], ts[k])] for k in nearest]
     return Animation(_moving(frames, ts[nearest], size, 1000 / frames_per_second), frames_per_second)
+
+
+def _reached(ts, q):
+    """The samples that the motion came to; those after its end are nan."""
+    there = np.all(np.isfinite(q), axis=1)
+    if not np.any(there):
+        raise ValueError(
+            f"`trajectory` must have reached one of its samples to be shown, but broke off before t = {ts[0]:g}: look "
+            "at its `status`, or give `ts` earlier times."
+        )
+    return ts[there], q[there]
 
 
 def _moving(frames, times, size, interval: float) -> FuncAnimation:

@@ -54,4 +54,8 @@ def sample_times(name: str, motion: Trajectory | Solution) -> np.ndarray:
         raise ValueError(f"`{name}` must have samples to be drawn, but has none: pass `ts=` where it is made.")
     if motion.ts.ndim != 1:
         raise ValueError(f"`{name}` must be one motion, but is a batch of {motion.ts.shape[:-1]}.")
+    if motion.ts.size == 0:
+        raise ValueError(
+            f"`ts` must hold at least one time where `{name}` is made, since its samples are drawn, but is empty."
+        )
     return np.asarray(motion.ts)

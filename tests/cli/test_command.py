@@ -16,8 +16,12 @@ from hybridsens.cli import main
 from hybridsens.cli.main import run
 from hybridsens.scenes import SCENES
 from hybridsens.systems import SYSTEMS
+from tests.problems.stop_record import RECORD
 
 demo = import_module("hybridsens.cli.demo")
+FIT = ["fit", "elastic-stop", "--parameters", "mass", "--skip-missing", "--data", str(RECORD)]
+STUDIES = ("estimation.fit", "sweeps.sweep", "comparison.compare.compare", "comparison.work_precision.work_precision")
+SWEEP = ["sweep", "elastic-stop", "--vary", "mass=1:2:3"]
 
 
 def test_demo_shows_a_right_gradient_beside_a_wrong_one(monkeypatch, tmp_path, capsys):
@@ -63,6 +67,10 @@ def test_scenes_lists_every_scene_with_a_line(capsys):
     assert all(len(text) > 10 for _, text in begun)
 
 
+def _not_reached(*given, **named):
+    raise AssertionError("Something is computed.")
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
@@ -71,13 +79,29 @@ def test_scenes_lists_every_scene_with_a_line(capsys):
         (["demo", "--tolerance", "small"], "valid number"),
         (["demo", "--output", "motion.doc"], "must end in one of"),
         (["demo", "--output", "no/such/folder/motion.png"], "no folder no/such/folder"),
+        (["compare", "--output", "no/x.png"], "--output': must lie in a folder that exists, but there is no folder no"),
+        (["compare", "--csv", "no/x.csv"], "--csv': must lie in a folder that exists"),
+        (["work-precision", "--output", "no/x.png"], "--output': must lie in a folder that exists"),
+        (["work-precision", "--store", "no/x.csv"], "--store': must lie in a folder that exists"),
+        ([*FIT, "--plot", "no/x.png"], "--plot': must lie in a folder that exists"),
+        ([*FIT, "--plot", "picture"], "picture must end in one of"),
+        ([*FIT, "--guess", "mass=1", "--guess", "mass=2"], "--guess must have each name once, but has 'mass'"),
+        ([*FIT, "--bound", "mass=0:1", "--bound", "mass=0:2"], "--bound must have each name once, but has 'mass'"),
+        ([*SWEEP, "--output", "no/x.nc"], "--output': must lie in a folder that exists"),
+        ([*SWEEP, "--output", "x.nc", "--plot", "no/x.png"], "--plot': must lie in a folder that exists"),
+        ([*SWEEP, "--output", "x.nc", "--plot", "x.png"], "--plot must have a grid of two parameters"),
+        ([*SWEEP, "--output", "x.nc", "--vary", "mass=3:4:2"], "--vary must have each name once, but has 'mass' in"),
         (["demo", "--colour", "red"], "--colour"),
         (["dance"], "dance"),
     ],
 )
-def test_bad_arguments_get_one_clear_line_and_a_status(arguments, reason, capsys):
-    """A mistake on the command line is named in one line on the error stream, and the exit status is not 0."""
-    assert run(arguments) != 0
+def test_bad_arguments_get_one_clear_line_and_a_status(arguments, reason, capsys, tmp_path, monkeypatch):
+    """A mistake on the command line is named in one line on the error stream, before anything is computed, and the
+    exit status is 2."""
+    monkeypatch.chdir(tmp_path)
+    for study in STUDIES:
+        monkeypatch.setattr(f"hybridsens.{study}", _not_reached)
+    assert run(arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     (line,) = captured.err.splitlines()

@@ -107,6 +107,15 @@ def test_a_file_without_a_class_is_answered_with_those_that_it_has(tmp_path):
         fit(str(module), RECORD, "speed", skip_missing=True)
 
 
+def test_a_class_that_refuses_its_own_defaults_is_named(tmp_path, capsys):
+    """Assert that what its constructor raises is told with the class and the file."""
+    module = tmp_path / "own.py"
+    module.write_text(f"{_FALLING}    def __check_init__(self): raise ValueError('too slow')\n")
+    assert run(["scenes", f"{module}:Falling"]) == 2
+    printed = capsys.readouterr().err
+    assert f"Falling of {module} must be made by Falling(), which raises ValueError: too slow" in printed
+
+
 @pytest.mark.slow
 def test_ctrl_c_prints_the_best_point_and_keeps_it(tmp_path):
     """Assert that a signal in the middle of a slow descent ends it with a table and a file, and that a second run goes
@@ -126,7 +135,7 @@ def test_ctrl_c_prints_the_best_point_and_keeps_it(tmp_path):
         run.send_signal(signal.SIGINT)
         rest = "".join(lines)
     assert run.returncode == 1 and "fit interrupted after" in rest and "95 % interval" in rest
-    best = json.loads(kept.read_text())
+    best = json.loads(kept.read_text())["values"]
     again = subprocess.run([*command, "1"], stdout=subprocess.PIPE, text=True).stdout
     assert _loss(again) < 0.9 * _loss(first) and f"{best['distance']:.3g}"[:4] in again
 

@@ -26,3 +26,14 @@ def test_numbers_of_the_state_may_be_integers(state):
     found = hs.lyapunov(Saddle(), state, t1=1.0)
     np.testing.assert_allclose(found.matrix, np.diag([np.e, 1 / np.e]), rtol=1e-6)
     assert float(found.exponent) == pytest.approx(1, rel=1e-6)
+
+
+@pytest.mark.parametrize(("max_events", "reached"), [(4, True), (1, False)])
+def test_a_motion_that_broke_off_has_no_exponent(max_events, reached):
+    """Assert that the growth of a part of the horizon is not spread over all of it: a ball that breaks off at its
+    second impact keeps its growth, and has the exponent nan."""
+    ball = hs.scenes.BouncingBall()
+    found = hs.lyapunov(ball, ball.initial_state(), t1=1.5, max_events=max_events, throw=False)
+    assert bool(found.trajectory.status.reached_end) == reached
+    assert np.isfinite(found.growth) and np.isfinite(found.matrix).all()
+    assert np.isfinite(found.exponent) == reached

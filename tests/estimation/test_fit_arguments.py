@@ -5,12 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from hybridsens.estimation import GrowingHorizon, fit, read_measurements
+from hybridsens.estimation import GrowingHorizon, fit, measurements, read_measurements
 from hybridsens.estimation.arguments import check_limits, check_robust, check_strategy, chosen_starts
 from hybridsens.estimation.given import by_name
 from hybridsens.estimation.parameters import select
-from hybridsens.estimation.prepare import prior
+from hybridsens.estimation.prepare import Experiment, Unknowns, build_problem, prior
 from hybridsens.estimation.store import Store
+from hybridsens.estimation.study import study_digest
 from tests.problems.sawtooth import Sawtooth
 
 GUESS = Sawtooth(2.0, 1.0)
@@ -38,6 +39,18 @@ def test_a_prior_that_is_no_pair_of_numbers_is_shown(given):
     with pytest.raises(ValueError, match=r"prior of 'slope' must be a pair \(mean, sigma\)") as refused:
         prior(select(GUESS, "slope"), {"slope": given})
     assert f"but is {given}" in str(refused.value)
+
+
+def test_priors_need_sigmas():
+    """Assert that values of unknown sigma are not weighed against a prior, whose sigma is known: the estimate took
+    theirs for 1, its interval for that of the residuals. Event times alone always have sigmas."""
+    without = read_measurements({"t": RECORD["t"], "x": RECORD["x"]})
+    with pytest.raises(ValueError, match="must have sigmas where priors are given.*give `sigma`"):
+        fit(GUESS, without, parameters="slope", priors={"slope": (2.0, 0.1)})
+    assert build_problem(GUESS, without, Unknowns("slope", priors={})).prior.weight[0] == 0
+    for known in (DATA, measurements(event_times=[0.5], event_sigma=0.1)):
+        problem = build_problem(GUESS, known, Unknowns("slope", priors={"slope": (2.0, 0.1)}))
+        np.testing.assert_allclose(problem.prior.weight, 10)
 
 
 @pytest.mark.parametrize(
@@ -70,17 +83,19 @@ def test_a_number_of_starts_may_be_one_of_numpy(count):
     ("text", "message"),
     [
         ("{slope:", "must be a JSON file, but .*best.json is none"),
-        ("[1]", r"names and numbers, but .*best.json has \[1\]"),
-        ('{"slope": "a"}', r"names and numbers, but .*best.json has \{'slope': 'a'\}"),
-        ('{"top": 1.0}', r"of the same parameters \('slope',\), but .*best.json has \('top',\)"),
-        ('{"slope": -1.0}', r"value in .*best.json of 'slope' must lie within its bounds \[0.0, inf\], but is -1.0"),
-        ('{"slope": NaN}', "but is nan"),
+        ("[1]", r"names and numbers that a fit wrote, but .*best.json has \[1\]"),
+        ('{"slope": 1.0}', r"that a fit wrote, but .*best.json has \{'slope': 1.0\}"),
+        ('{"values": {"slope": "a"}, "study": ""}', r"names and numbers .*best.json has \{'values': \{'slope': 'a'\}"),
+        ('{"values": {"top": 1.0}, "study": ""}', r"the same parameters \('slope',\), but .*best.json has \('top',\)"),
+        ('{"values": {"slope": 1.0}, "study": ""}', "of the same study, but .*best.json is of other measurements"),
+        ('{"values": {"slope": -1.0}, "study": "STUDY"}', r"within its bounds \[0.0, inf\], but is -1.0"),
+        ('{"values": {"slope": NaN}, "study": "STUDY"}', "value in .*best.json of 'slope' must .* but is nan"),
     ],
 )
 def test_a_store_that_holds_no_values_is_named(text, message, tmp_path):
     """Assert that the file is named, and what it holds."""
     path = tmp_path / "best.json"
-    path.write_text(text)
+    path.write_text(text.replace("STUDY", _study()))
     with pytest.raises(ValueError, match=message) as refused:
         fit(GUESS, RECORD, parameters="slope", bounds={"slope": "positive"}, store=path)
     assert not isinstance(refused.value, json.JSONDecodeError)
@@ -96,7 +111,48 @@ def test_a_store_that_cannot_be_written_is_refused_at_once(tmp_path):
 def test_a_store_gives_back_what_it_was_given(tmp_path):
     """Assert that values on a bound, too, are read as they were written."""
     selection = select(GUESS, ["slope", "top"], {"slope": (1.0, 3.0)})
-    store = Store(tmp_path / "best.json", selection)
+    store = Store(tmp_path / "best.json", selection, "this one")
     assert store.read() is None
     store.write(np.array([np.pi / 2, 0.5]))
     np.testing.assert_array_equal(store.read(), [3.0, 0.5])
+    with pytest.raises(ValueError, match="`store` must be of the same study"):
+        store._replace(study="another").read()
+
+
+def _study(guess=GUESS, data=DATA, bounds=None, state=None, t0=0.0):
+    problem = build_problem(guess, data, Unknowns("slope", bounds), Experiment(state, t0=t0))
+    return study_digest(problem, data)
+
+
+class _OtherSawtooth(Sawtooth):
+    """By another name."""
+
+
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [
+        (dict(), True),
+        (dict(guess=Sawtooth(3.0, 1.0)), True),
+        (dict(bounds={"slope": "positive"}), True),
+        (dict(guess=Sawtooth(2.0, 1.5)), False),
+        (dict(guess=_OtherSawtooth(2.0, 1.0)), False),
+        (dict(data=read_measurements(RECORD | {"x": [0.8, 0.5]})), False),
+        (dict(data=read_measurements(RECORD | {"sigma_x": [0.1, 0.2]})), False),
+        (dict(data=read_measurements({"t": RECORD["t"], "x": RECORD["x"]})), False),
+        (dict(state=1.0), False),
+        (dict(t0=0.05), False),
+    ],
+)
+def test_a_study_is_known_by_its_data_and_by_what_is_not_fitted(change, same):
+    """Assert that a fit may go on from another guess or with bounds, but not with other measurements, another model,
+    another fixed parameter or another beginning."""
+    assert (_study(**change) == _study()) == same
+
+
+def test_the_store_of_another_record_is_refused(tmp_path):
+    """Assert that a fit goes on with its own file alone."""
+    path, kept = tmp_path / "best.json", dict(parameters="slope", max_events=4, max_steps=64)
+    fit(Sawtooth(1.8, 1.0), RECORD, store=path, **kept)
+    assert fit(GUESS, RECORD, store=path, **kept).converged
+    with pytest.raises(ValueError, match="`store` must be of the same study, but .*best.json is of other measurements"):
+        fit(GUESS, RECORD | {"x": [0.8, 0.5]}, store=path, **kept)

@@ -76,6 +76,32 @@ def test_what_could_be_read_in_two_ways():
         measurements(TIMES[:2], VALUES[:2], sigma=[0.1, 0.2])
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("Time,q0\n0.1,1\n", "times \"t\" or \"time\", but has .*'Time', 'q0'.*read_measurements.data, time='Time'."),
+        ("s,q0\n0.1,1\n", "times \"t\" or \"time\", but has .*'s', 'q0'.*time='name'"),
+        ("t,q0,\n0.1,1,\n", "a name for each column, but has an unnamed column in 't,q0,': .*remove the comma"),
+        ("t,q0,,\n0.1,1,,\n", "an unnamed column in 't,q0,,'"),
+        ("t,q0\n0.1,1,\n", "row 0 .* must have 2 cells, but has 3, the last one empty"),
+        ("t,q0,sigma_v0\n0.1,1,0.1\n", "a column <name> for each sigma_<name>, but has none for .'sigma_v0'."),
+        ("t,q0\n0.1,\n", "left out of the fit by `read_measurements.data, missing=.skip..`, in a terminal by --skip"),
+    ],
+)
+def test_a_column_that_cannot_be_meant_is_told_with_what_to_do(text, message, tmp_path):
+    """Assert that columns of times by another name, without a name, or of sigmas of nothing are named."""
+    path = _write(tmp_path, text)
+    with pytest.raises(ValueError, match=message):
+        read_measurements(path)
+
+
+def test_sigmas_of_columns_that_were_not_chosen_are_let_be():
+    """Assert that a table may hold more than is fitted."""
+    table = {"t": TIMES, "q0": VALUES[:, 0], "sigma_v0": TIMES}
+    assert read_measurements(table, columns="q0").sigmas is None
+    assert read_measurements(table, columns="sigma_v0").names == ("sigma_v0",)
+
+
 def test_unknown_columns_and_words_are_refused(tmp_path):
     """Assert that a column that is not there, and a cell that is no number, are named."""
     path = _write(tmp_path, "t,q0\n0.1,1\n0.2,two\n")

@@ -98,6 +98,36 @@ def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):
         hs.animate(NamedBall(), motion, speed=0.01)
 
 
+@pytest.mark.parametrize(("ts", "frames"), [([0.0, 0.2, 0.4, 1.2, 1.4], 3), ([0.0, 1.2], 1)])
+def test_a_motion_that_broke_off_is_shown_as_far_as_it_came(ts, frames, tmp_path):
+    """It ends at its second impact, at 1.17: the last frame is of the last sample before, be it the first one."""
+    hs.animate(NamedBall(), _broken_off(ts), frames_per_second=5, size=(2.0, 2.0)).save(tmp_path / "ball.gif")
+    with Image.open(tmp_path / "ball.gif") as gif:
+        assert gif.n_frames == frames
+
+
+def test_a_motion_that_reached_no_sample_is_not_shown():
+    """And is told why."""
+    with pytest.raises(ValueError, match="must have reached one of its samples.* broke off before t = 1.2: .*`status`"):
+        hs.animate(NamedBall(), _broken_off([1.2, 1.4]))
+
+
+def _broken_off(ts):
+    ball = NamedBall()
+    return hs.simulate(ball, ball.initial_state(), t1=1.5, ts=jnp.asarray(ts), max_events=1, throw=False)
+
+
+def test_samples_at_no_time_are_told_of():
+    """In pictures that move and in those that do not."""
+    ball = NamedBall()
+    motion = hs.simulate(ball, ball.initial_state(), t1=0.3, ts=jnp.zeros(0))
+    pictures = (hs.animate, hs.plot_trajectory, hs.plot_contacts, hs.plot_coordinates, hs.plot_phase)
+    costate = lambda scene, motion: hs.plot_costate(scene, motion, lambda following: following.final.q[0])
+    for draw in (*pictures, costate):
+        with pytest.raises(ValueError, match="`ts` must hold at least one time where `trajectory` is made"):
+            draw(ball, motion)
+
+
 def test_a_figure_shows_itself_in_a_notebook():
     """As a PNG, without pyplot."""
     assert new_figure((1, 1))._repr_png_().startswith(b"\x89PNG")

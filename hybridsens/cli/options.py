@@ -1,0 +1,41 @@
+"""What options of several commands share: files that can be written, and what is given by name, once each."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import typer
+from matplotlib.figure import Figure
+
+Given = TypeVar("Given")
+"""What is given by a name: a guess, bounds, a range."""
+
+
+def file_to_write(path: Path | None) -> Path | None:
+    """The path of a file that is written after what takes long. Raises: typer.BadParameter where it cannot be."""
+    if path is not None and path.is_dir():
+        raise typer.BadParameter(f"must be a file, but {path} is a folder: name a file in it")
+    if path is not None and not path.parent.is_dir():
+        raise typer.BadParameter(
+            f"must lie in a folder that exists, but there is no folder {path.parent}: make it first, or name another"
+        )
+    return path
+
+
+def picture_to_write(path: Path | None) -> Path | None:
+    """The same for a picture, whose ending is its format."""
+    formats = Figure().canvas.get_supported_filetypes()
+    if path is not None and path.suffix.removeprefix(".") not in formats:
+        raise typer.BadParameter(f"{path} must end in one of .{', .'.join(sorted(formats))}")
+    return file_to_write(path)
+
+
+def by_name(option: str, texts: Sequence[str], read: Callable[[str], tuple[str, Given]]) -> dict[str, Given]:
+    """Name -> what was given for it, from texts NAME=... Raises: typer.BadParameter for a name that comes twice."""
+    pairs = [read(text) for text in texts]
+    for name, count in Counter(name for name, _ in pairs).items():
+        if count > 1:
+            given = ", ".join(text for text, (other, _) in zip(texts, pairs, strict=True) if other == name)
+            raise typer.BadParameter(f"{option} must have each name once, but has {name!r} in {given}: leave one out")
+    return dict(pairs)
