@@ -13,14 +13,14 @@ from ..flat_system import Decision
 from ..numerics.tolerances import closeness
 from ..status import Status
 from .checks import may_begin
-from .complementarity import independent_superset
 from .contact import Instant, contact_jacobian, gap_and_rate
 from .corners import has_jumped
-from .event_state import EventState, acted_on_nearby, look_at_event, rate_below_rounding, wider_scales
+from .event_state import EventState, acted_on_nearby, look_at_event, wider_scales
 from .few import MANY, Among, among_one
-from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
+from .laws import Selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
 from .scene import AbstractScene
+from .settling import apply_laws
 from .status import ContactStatus
 
 NEAR = 1e3
@@ -47,17 +47,6 @@ class ImpactDetail(eqx.Module):
     """Contacts that are captured: their restitution counts as 0."""
     brought_to_rest: Bool[Array, "contact"]
     """Held contacts that another one's impulse would kick off too slowly to matter: their rates are 0 after it."""
-
-
-class Impact(NamedTuple):
-    """What the laws leave."""
-
-    plastic: Bool[Array, "contact"]
-    support: Bool[Array, "contact"]
-    brought_to_rest: Bool[Array, "contact"]
-    v: Float[Array, "dof"]
-    """Velocities after."""
-    selection: Selection
 
 
 def decide_transition(
@@ -117,7 +106,7 @@ def _judge(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Cont
     grazing = met & _is_grazing(at_event.rate[event], at_event.gap_acceleration[event], deepest)
     if not scene.sustained_contact:
         return _bounce(scene, at_event, now, mode, grazing, status)
-    impact = _apply_laws(scene, limits.capture_speed, at_event, now, mode)
+    impact = apply_laws(scene, limits.capture_speed, at_event, now, mode)
     after = _with_selection(mode, impact.selection, at_event.gap)
     kind = jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT)
     detail = ImpactDetail(at_event.triggered & ~is_release, impact.support, impact.plastic, impact.brought_to_rest)
@@ -147,69 +136,6 @@ def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: Cont
     detail = ImpactDetail(at_event.triggered, support, no_contact, no_contact)
     order_matters = _order_matters(at_event, support, mode)
     return Verdict(mode, detail, jnp.asarray(EventKind.IMPACT), grazing, status, first_step_bound, order_matters)
-
-
-def _apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: Instant, mode: ContactMode) -> Impact:
-    """The law of impact (T3) and Gauss's principle (T2), with rebounds that are too slow to matter cut.
-
-    A rebound that is slow (or not to be seen above the rounding of the gap) is plastic, but only where the contact is
-    pressed: a grazing contact leaves slowly too, and has to keep its rebound. An impact also kicks neighbours off,
-    which fall back and kick in their turn: contacts that leave too slowly to matter are brought to rest together.
-
-    - Turn 0 applies the law with every slow contact plastic.
-    - Turn 1 makes those plastic that were held then. It is left out where they are the same.
-    - Turn 2 tests whether Gauss's principle holds neighbours that leave slowly, all of them together.
-    - Turn 3 brings those to rest; it is needed in any case, since turn 2 selected with a wider limit. Impulses that do
-      that may pull other contacts closed: it is repeated with these, until nobody is.
-
-    One loop, so that the laws are compiled once; a contact without a neighbour needs turns 0 and 1 alone.
-    """
-    t, q, v = now
-    geometry, rate, impacting = at_event.geometry, at_event.rate, at_event.impacting
-    e = scene.restitution()
-    no_contact = jnp.zeros_like(impacting)
-    cut = capture_speed * mode.fastest
-    slow = impacting & (e * jnp.abs(rate) <= jnp.maximum(cut, at_event.below_rounding))
-    rest_speed = closeness(q.dtype) * mode.speed
-    alone = impacting.shape[0] == 1
-
-    def turn(k, last: Impact) -> Impact:
-        restitution = jnp.where(last.plastic, 0, e)
-        support = impulse_support(geometry, rate, restitution, impacting, mode.speed)
-        impulse = transition_impulse(geometry, rate, restitution, support, last.brought_to_rest)
-        v_after = v + geometry.mobility @ impulse
-        _, rate_after = gap_and_rate(scene, t, q, v_after)
-        acceleration = gap_acceleration(scene, geometry, t, q, v_after)
-        together = (k == 2) & (not alone)
-        candidates, limit = at_event.closed, rest_speed
-        if not alone:
-            falls = acceleration.held(geometry, last.selection.active)
-            settle_speed = jnp.maximum(cut, rate_below_rounding(falls, mode))
-            candidates = jnp.where(together, impacting, candidates)
-            limit = jnp.where(together, jnp.maximum(rest_speed, settle_speed), rest_speed)
-        selection = gauss_selection(geometry, acceleration, rate_after, candidates, limit)
-        plastic = jnp.where(k == 0, slow & selection.active, last.plastic)
-        brought_to_rest = last.brought_to_rest
-        if not alone:
-            rests = selection.active | selection.resting
-            more = jnp.any(rests & ~(last.selection.active | last.selection.resting))
-            pulled = (k == 3) & jnp.any(brought_to_rest) & impacting & (rate_after < -rest_speed)
-            first = jnp.where(together, selection.active, brought_to_rest)
-            wanted = jnp.where(together, rests, brought_to_rest | pulled)
-            brought_to_rest = independent_superset(geometry.delassus_matrix, first, wanted) & (more | ~together)
-        return Impact(plastic, support, brought_to_rest, v_after, selection)
-
-    def next_turn(carry):
-        k, last = carry
-        impact = turn(k, last)
-        as_it_was = (k == 0) & ~jnp.any(impact.plastic != last.plastic)  # turn 1 would apply the same law again
-        again = (k == 3) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
-        return jnp.where(as_it_was, 2, jnp.where(again, 3, k + 1)), impact
-
-    several = (not alone) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with
-    turns = jnp.where(several, 4, 2)
-    start = Impact(slow, no_contact, no_contact, v, Selection(no_contact, no_contact))
-    return lax.while_loop(lambda carry: carry[0] < turns, next_turn, (jnp.array(0), start))[1]
 
 
 def _first_step_bound(scene: AbstractScene, after: Instant, gap_acceleration, leaving):

@@ -1,0 +1,119 @@
+"""What the laws leave at an event: the velocities after it, and contacts that leave too slowly to matter at rest."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from ..numerics.tolerances import closeness
+from .complementarity import independent_superset
+from .contact import Instant, gap_and_rate
+from .event_state import EventState, rate_below_rounding
+from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
+from .mode import ContactMode
+from .scene import AbstractScene
+
+
+class Impact(NamedTuple):
+    """What the laws leave."""
+
+    plastic: Bool[Array, "contact"]
+    support: Bool[Array, "contact"]
+    brought_to_rest: Bool[Array, "contact"]
+    v: Float[Array, "dof"]
+    """Velocities after."""
+    selection: Selection
+
+
+def apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: Instant, mode: ContactMode) -> Impact:
+    """The law of impact (T3) and Gauss's principle (T2), with rebounds that are too slow to matter cut.
+
+    A rebound that is slow (or not to be seen above the rounding of the gap) is plastic, but only where the contact is
+    pressed: a grazing contact leaves slowly too, and has to keep its rebound. An impact also kicks neighbours off,
+    which fall back and kick in their turn: contacts that leave too slowly to matter are brought to rest together.
+
+    - Turn 0 applies the law with every slow contact plastic.
+    - Turn 1 makes those plastic that were held then. It is left out where they are the same.
+    - Turn 2 tests whether Gauss's principle holds neighbours that leave slowly, all of them together.
+    - Turn 3 brings those to rest; it is needed in any case, since turn 2 selected with a wider limit. Impulses that do
+      that may pull other contacts closed: it is repeated with these, until nobody is.
+
+    One loop, so that the laws are compiled once; a contact without a neighbour needs turns 0 and 1 alone.
+    """
+    impacting, no_contact = at_event.impacting, jnp.zeros_like(at_event.impacting)
+    cut = capture_speed * mode.fastest
+    slow = impacting & (scene.restitution() * jnp.abs(at_event.rate) <= jnp.maximum(cut, at_event.below_rounding))
+    law = _Turn(scene, at_event, now, mode, slow, cut)
+
+    def next_turn(carry):
+        k, last = carry
+        impact = law.turn(k, last)
+        as_it_was = (k == 0) & ~jnp.any(impact.plastic != last.plastic)  # turn 1 would apply the same law again
+        again = (k == 3) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
+        return jnp.where(as_it_was, 2, jnp.where(again, 3, k + 1)), impact
+
+    several = (not law.alone) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with
+    turns = jnp.where(several, 4, 2)
+    start = Impact(slow, no_contact, no_contact, now.v, Selection(no_contact, no_contact))
+    return lax.while_loop(lambda carry: carry[0] < turns, next_turn, (jnp.array(0), start))[1]
+
+
+class _Turn(NamedTuple):
+    """A turn of `apply_laws`, and what all of them share."""
+
+    scene: AbstractScene
+    at_event: EventState
+    now: Instant
+    mode: ContactMode
+    slow: Bool[Array, "contact"]
+    """Contacts whose rebound is too slow to matter."""
+    cut: Float[Array, "contact"]
+    """Speeds below which contacts do not leave."""
+
+    @property
+    def alone(self) -> bool:
+        """Whether the scene has one contact, which has no neighbour."""
+        return self.slow.shape[0] == 1
+
+    @property
+    def rest_speed(self):
+        """What counts as no rate."""
+        return closeness(self.now.q.dtype) * self.mode.speed
+
+    def turn(self, k: Int[Array, ""], last: Impact) -> Impact:
+        """Impulses, the velocities that they leave, and who is held then."""
+        (t, q, v), geometry, impacting = self.now, self.at_event.geometry, self.at_event.impacting
+        restitution = jnp.where(last.plastic, 0, self.scene.restitution())
+        support = impulse_support(geometry, self.at_event.rate, restitution, impacting, self.mode.speed)
+        impulse = transition_impulse(geometry, self.at_event.rate, restitution, support, last.brought_to_rest)
+        v_after = v + geometry.mobility @ impulse
+        _, rate = gap_and_rate(self.scene, t, q, v_after)
+        acceleration = gap_acceleration(self.scene, geometry, t, q, v_after)
+        candidates, limit = self.at_event.closed, self.rest_speed
+        if not self.alone:
+            falls = acceleration.held(geometry, last.selection.active)
+            candidates = jnp.where(k == 2, impacting, candidates)
+            limit = jnp.where(k == 2, self._settle_speed(falls), limit)
+        selection = gauss_selection(geometry, acceleration, rate, candidates, limit)
+        plastic = jnp.where(k == 0, self.slow & selection.active, last.plastic)
+        brought_to_rest = last.brought_to_rest
+        if not self.alone:
+            brought_to_rest = self._brought_to_rest(k, last, selection, rate)
+        return Impact(plastic, support, brought_to_rest, v_after, selection)
+
+    def _settle_speed(self, falls):
+        """Below it a neighbour that is kicked off falls back at once, at the accelerations `falls`."""
+        return jnp.maximum(self.rest_speed, jnp.maximum(self.cut, rate_below_rounding(falls, self.mode)))
+
+    def _brought_to_rest(self, k, last: Impact, selection: Selection, rate) -> Bool[Array, "contact"]:
+        """In turn 2 who rests, were all held together, if that is more than before; in turn 3 those that are pulled
+        closed too. Only contacts that are independent of each other can be brought to rest."""
+        together = k == 2
+        rests = selection.active | selection.resting
+        more = jnp.any(rests & ~(last.selection.active | last.selection.resting))
+        so_far = last.brought_to_rest
+        pulled = (k == 3) & jnp.any(so_far) & self.at_event.impacting & (rate < -self.rest_speed)
+        first = jnp.where(together, selection.active, so_far)
+        wanted = jnp.where(together, rests, so_far | pulled)
+        return independent_superset(self.at_event.geometry.delassus_matrix, first, wanted) & (more | ~together)
