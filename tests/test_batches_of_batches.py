@@ -78,11 +78,15 @@ def hessians():
 
 
 def test_gradients_varied_by_what_only_the_cost_depends_on(alone):
-    """Weights: the motions themselves do not vary. d(J^T w)/dw = J^T, in a batch inside and outside."""
-    inside = jax.vmap(jax.jacfwd(gradients, 1), (0, None))(LANES, WEIGHTS[1])
+    """Weights: the motions themselves do not vary. d(J^T w)/dw = J^T."""
     outside = jax.jacfwd(jax.vmap(gradients, (0, None)), 1)(LANES, WEIGHTS[1])
-    assert_close(inside, jnp.swapaxes(alone, 1, 2), 1e-12)
     assert_close(outside, jnp.swapaxes(alone, 1, 2), 1e-12)
+
+
+@pytest.mark.slow
+def test_a_batch_of_gradients_each_varied_by_weights(alone):
+    inside = jax.vmap(jax.jacfwd(gradients, 1), (0, None))(LANES, WEIGHTS[1])
+    assert_close(inside, jnp.swapaxes(alone, 1, 2), 1e-12)
 
 
 def test_a_batch_of_gradients_varied(hessians):
@@ -129,7 +133,10 @@ def test_where_all_lanes_run_at_once(alone, monkeypatch):
     jax.clear_caches()
 
 
-@pytest.mark.parametrize("few", ["steps", "events", "bytes"])
+SLOWLY = [pytest.param(few, marks=pytest.mark.slow) for few in ("events", "bytes")]
+
+
+@pytest.mark.parametrize("few", ["steps", *SLOWLY])
 def test_what_is_not_kept_is_run_again(alone, monkeypatch, few):
     """Records too long for some lanes, or for all, and for the room of a batch: the gradients stay the same."""
     jax.clear_caches()

@@ -13,7 +13,8 @@ from tests.closeness import assert_close, worst
 from tests.problems import shipped_motions as motions
 
 TOLERANCE = 1e-12
-SLOW = ("double-pendulum-wall", "stacked-balls")  # the quick ones show every kind of event without them
+# The quick ones show every kind of event without them.
+SLOW = ("cylinder-slide", "double-pendulum-wall", "stacked-balls")
 NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in SCENES]
 # These start in contact: another initial state would penetrate, or fall.
 START_CLOSED = {"cylinder-slide", "vibrating-table"}

@@ -74,9 +74,13 @@ def test_forward_mode_agrees_with_the_kernel_whatever_the_room(room):
     assert_close(forward, jax.grad(height_at_the_end)(height, hs.Replay()), 1e-12)
 
 
-def entry(function, *arguments) -> str:
+def entry_of(compiled) -> str:
     """A compiled program, what it calls apart."""
-    return jax.jit(function).lower(*arguments).compile().as_text().split("ENTRY")[1]
+    return compiled.as_text().split("ENTRY")[1]
+
+
+def entry(function, *arguments) -> str:
+    return entry_of(jax.jit(function).lower(*arguments).compile())
 
 
 def kernels(function, *arguments) -> int:
