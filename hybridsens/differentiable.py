@@ -64,6 +64,7 @@ def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
     return forward_only(_backward(problem, options, motion, cotangent, way), FORWARD_OVER_REVERSE)
 
 
+@eqx.filter_jit  # JAX traces a function with a derivative rule, and then its rule: the second time it is looked up
 def _move(problem: Problem, options: Options) -> tuple[Reported, Record]:
     """Report and record. Of a batch on a CPU, where all its records would be large, only short ones are kept."""
     dynamic, static = eqx.partition((problem, options), eqx.is_array)

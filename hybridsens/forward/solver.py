@@ -53,9 +53,6 @@ UNROLLED_OPERATIONS = 60
 UNROLLED_WHERE_DIFFERENTIATED = 40
 """The same where a step is differentiated. With larger flows that gains a tenth of the time at most, and compilation
 takes up to twice as long."""
-COPIED_WHERE_DIFFERENTIATED = 110
-"""On the way back, the flow of modes that constrain nothing gets a copy of its own, in a loop, up to this many
-operations: a double pendulum's gradient takes 17 % less time by it, one of eight links no less."""
 
 
 class FlowSize(NamedTuple):
@@ -93,13 +90,12 @@ def _of_diffrax(solver: diffrax.AbstractSolver, rtol, atol, loop: str) -> diffra
 def _explicit(solver: diffrax.AbstractERK, size: FlowSize, differentiated: bool) -> ExplicitRungeKutta:
     """Stages of our own, for either flow.
 
-    A second, shorter flow is a second copy to compile. Elsewhere than on a CPU the elements of a batch go through every
-    branch: one more would only be a burden."""
+    A second, shorter flow is a second copy to compile, which pays where it is written out. Elsewhere than on a CPU the
+    elements of a batch go through every branch: one more would only be a burden."""
     written_out = UNROLLED_WHERE_DIFFERENTIATED if differentiated else UNROLLED_OPERATIONS
-    copied = COPIED_WHERE_DIFFERENTIATED if differentiated else UNROLLED_OPERATIONS
     unconstrained = None
-    if size.unconstrained is not None and size.unconstrained <= copied and jax.default_backend() == "cpu":
-        unconstrained = ExplicitRungeKutta(solver, size.unconstrained <= written_out)
+    if size.unconstrained is not None and size.unconstrained <= written_out and jax.default_backend() == "cpu":
+        unconstrained = ExplicitRungeKutta(solver, unrolled=True)
     return ExplicitRungeKutta(solver, size.whole <= written_out, unconstrained)
 
 

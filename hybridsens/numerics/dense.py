@@ -7,15 +7,17 @@ loop into one kernel, so small systems are written out, and those of middle size
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from .batch_axes import batch_in_front
 
-PLAIN = 2
-"""Up to this many unknowns the elimination is so short that it is differentiated as it stands."""
+CLOSED = 2
+"""Of so many unknowns the inverse is written down: an elimination has a quotient for every entry, and XLA makes a
+kernel of each. (Of three and four, written down by blocks, it compiles half as long again.)"""
 UNROLLED = 4
-"""Up to this many it is written out: it takes n^3 / 6 operations to compile."""
+"""Up to this many unknowns the elimination is written out: it takes n^3 / 6 operations to compile."""
 SMALL = 8
 """Up to this many all of a matrix is inverted where some of it would do: to look for these takes two loops more, and
 compiling them takes longer than all pivots of many motions."""
@@ -25,9 +27,33 @@ LOOPED = 32
 
 def solve_spd(matrix: Float[Array, "n n"], right: Float[Array, "n *m"]) -> Float[Array, "n *m"]:
     """Solve A x = b for a symmetric positive definite A; b is a vector or has one column per right-hand side."""
-    if matrix.shape[0] <= PLAIN:
-        return _solve_ldl(*_ldl(matrix), right)
-    return _solve(matrix, right)
+    if matrix.shape[0] == 0:
+        return right
+    if matrix.shape[0] == 1:
+        return right / matrix[0, 0]
+    return (_solve_closed if matrix.shape[0] == CLOSED else _solve)(matrix, right)
+
+
+@jax.custom_jvp
+def _solve_closed(matrix, right):
+    return batch_in_front(_inverse_of_two(matrix) @ right)
+
+
+@_solve_closed.defjvp
+def _solve_closed_jvp(primals, tangents):
+    """dx = A^-1 (db - dA x), by the inverse that is at hand."""
+    (matrix, right), (d_matrix, d_right) = primals, tangents
+    inverse = _inverse_of_two(matrix)
+    x = inverse @ right
+    return batch_in_front((x, inverse @ (d_right - d_matrix @ x)))
+
+
+def _inverse_of_two(A):
+    """The adjugate over the pivots, one after the other, since their product may be too small for a number."""
+    first = 1 / A[0, 0]
+    second = 1 / (A[1, 1] - A[0, 1] * first * A[0, 1])
+    adjugate = lax.rev(A, (0, 1)) * np.array([[1, -1], [-1, 1]])
+    return adjugate * first * second
 
 
 @jax.custom_jvp

@@ -17,6 +17,7 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
+from .collection import collection_put_off
 from .rewriting import rewritten
 
 _ROOM = 256_000_000
@@ -57,7 +58,8 @@ class Mapped:
     def __call__(self, *arguments) -> Done:
         leaves, tree = jax.tree.flatten(arguments)
         run = self.unbatched or self.function
-        call, shapes = jax.make_jaxpr(lambda *leaves: run(*tree.unflatten(leaves)), return_shape=True)(*leaves)
+        with collection_put_off():
+            call, shapes = jax.make_jaxpr(lambda *leaves: run(*tree.unflatten(leaves)), return_shape=True)(*leaves)
         out_tree = jax.tree.structure(shapes)
         return out_tree.unflatten(_mapped.bind(*leaves, call=call, made=self, tree=tree, out_tree=out_tree))
 
