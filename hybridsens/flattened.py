@@ -90,8 +90,8 @@ class FlattenedSystem(AbstractFlatSystem):
         return self.system.guards(t, self.split(x)[0], given).astype(x.dtype)
 
     def scales(self, t, x, mode: WatchedMode):
-        """The largest so far of each guard and of its rate."""
-        return mode.watch.size, mode.watch.speed
+        """Those of the guards that the segment starts on; others are trusted to the last bit."""
+        return mode.watch.scales()
 
     def searches(self, t, x):
         """Whether a guard is curved: what is affine in (t, x) cannot dip unseen. Told from the trace of the guards."""
@@ -106,7 +106,7 @@ class FlattenedSystem(AbstractFlatSystem):
         """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""
 
         def begin():
-            shown = self._show(t, x, mode.given)
+            shown = self._show(t, x, mode)
             starts = event == -1
             watch = mode.watch.begin(t, shown.guards, starts)
             expected = jnp.where(starts, shown.times >= t, mode.expected)
@@ -114,12 +114,11 @@ class FlattenedSystem(AbstractFlatSystem):
 
         return lax.cond(event >= 0, lambda: self.decide(event, t, x, mode), begin)
 
-    def _show(self, t, x, given) -> Shown:
-        """Guards and scheduled times in a mode, and their rates along its flow."""
-        flow = self.flow(t, x, self.watched(given, x.dtype))
-        look = lambda t, x: (self._values(t, x, given), self._times(x, given))
-        (guards, times), rates = jax.jvp(look, (t, x), (jnp.ones_like(t), flow))
-        return Shown(Seen(guards, rates[0]), times, rates[1])
+    def _show(self, t, x, mode: WatchedMode) -> Shown:
+        """Guards and scheduled times, and their rates along the flow of the mode."""
+        flow = self.flow(t, x, mode)
+        guards = mode.watch.see(lambda t, x: self._values(t, x, mode.given), t, x, flow)
+        return Shown(guards, *jax.jvp(lambda x: self._times(x, mode.given), (x,), (flow,)))
 
     def _times(self, x, given):
         """Scheduled times, none where the system does not speak of any."""
@@ -135,22 +134,22 @@ class FlattenedSystem(AbstractFlatSystem):
         """Those that have not come, or were moved since."""
         return mode.expected
 
-    def watched(self, mode, dtype) -> WatchedMode:
+    def watched(self, mode, x) -> WatchedMode:
         """The mode that a motion begins in; `choose` looks at its guards."""
-        return WatchedMode(mode, Watch.blank(self.guard_count, dtype), jnp.zeros(self.scheduled_count or 0, bool))
+        return WatchedMode(mode, Watch.blank(self.guard_count, x), jnp.zeros(self.scheduled_count or 0, bool))
 
     def decide(self, event, t, x, mode: WatchedMode) -> Decision:
         """The transition's mode, which guards can fall then, and which scheduled times are to come."""
         origin = Origin(event, mode.given)
         if self.guard_count == 0 and self.scheduled_count is None:
-            return _decision(mode, origin, self._show(t, x, mode.given))
+            return _decision(mode, origin, self._show(t, x, mode))
         rises = self.is_silent(event, mode)
         after, given = self._transition(event, t, x, mode.given)
         given = jax.tree.map(lambda new, old: jnp.where(rises, old, new), given, mode.given)
         after = jnp.where(rises, x, after)
         flow = self.flow(t, x, mode)
         before, same = mode.watch.compare(self._values, (mode.given, given), t, x, flow)
-        shown = self._show(t, after, given)
+        shown = self._show(t, after, WatchedMode(given, mode.watch, mode.expected))
         watch = mode.watch.after(event, before, same, shown.guards)
         came, times = self.guard_count + jnp.arange(shown.times.shape[0]) == event, self._times(x, mode.given)
         moved = shown.times != times  # to a time that has passed: then the event comes at once

@@ -181,7 +181,7 @@ def _simulate(
     z = jnp.zeros(sum(leaf.size for leaf in jax.tree.leaves(cost_shape)), state.q.dtype)
     x0 = jnp.concatenate([state.q, state.v, z])
     mode = open_mode(jax.eval_shape(contacts.scene.gap, t0, state.q).shape[0], state.q.dtype)
-    system, mode = system.begin(contacts, mode) if isinstance(system, SwitchedSystem) else (contacts, mode)
+    system, mode = system.begin(contacts, mode, x0) if isinstance(system, SwitchedSystem) else (contacts, mode)
     status = horizon_status(t0, t1, ts, method, number(contacts.capture_speed))
     options = Options(mode, status, method)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)

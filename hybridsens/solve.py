@@ -160,7 +160,7 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, co
     warn_of_system(flat.system, cost_rate, (t0, x0, mode), flat.jump_ts is not None)
     warn_of_transition(flat.system, t0, x0, mode)
     start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
-    options = Options(flat.watched(mode, start.dtype), horizon_status(t0, t1, ts, method), method)
+    options = Options(flat.watched(mode, start), horizon_status(t0, t1, ts, method), method)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)
     final, samples, states = reported.observed
     x, z = flat.split(final)

@@ -18,12 +18,19 @@ from .numerics.tolerances import closeness, jump_window, time_resolution
 Guards = Callable[[Array, Array, Any], Array]
 """(t, x, mode) -> guards of the system as the user wrote them."""
 
+UNEVEN = 0.618
+"""Multiples of it, less their whole part, are no two alike for long."""
+
 
 class Seen(eqx.Module):
     """Guards at one instant, and their rates along the flow."""
 
     value: Float[Array, "guard"]
     rate: Float[Array, "guard"]
+    scale: Float[Array, "guard"]
+    """By how much each would change if t and x changed by as much as they are: what its rounding is relative to."""
+    reach: Float[Array, "state"]
+    """Largest |x| so far."""
 
 
 class Watch(eqx.Module):
@@ -37,12 +44,31 @@ class Watch(eqx.Module):
     """Largest value of each guard that events have shown: what its rounding is relative to."""
     speed: Float[Array, "guard"]
     """The same of its rate."""
+    share: Float[Array, "guard"]
+    """What part of both its rounding is relative to where the motion stands; 0 for a guard that is not on zero."""
+    reach: Float[Array, "state"]
+    """Largest |x| that events have shown."""
 
     @classmethod
-    def blank(cls, count: int, dtype) -> "Watch":
+    def blank(cls, count: int, x: Float[Array, "state"]) -> "Watch":
         """What is known of guards before anything is."""
-        no, zero = jnp.zeros(count, bool), jnp.zeros(count, dtype)
-        return cls(no, no, zero, zero)
+        no, zero = jnp.zeros(count, bool), jnp.zeros(count, x.dtype)
+        return cls(no, no, zero, zero, zero, jnp.zeros_like(x))
+
+    def see(self, guards: Callable[[Array, Array], Array], t, x, flow) -> Seen:
+        """Guards, as the user wrote them, of (t, x), and their rates along a flow.
+
+        A guard may be large far from its zero and steep there, as an exponential is: its rounding at zero is not that
+        of its largest value."""
+        value, change = jax.linearize(guards, t, x)
+        reach = jnp.maximum(self.reach, jnp.abs(x))
+        # Uneven parts of each entry, so that equal terms of different signs do not cancel.
+        uneven = 1 + jnp.arange(x.shape[0], dtype=x.dtype) * UNEVEN % 1
+        return Seen(value, change(jnp.ones_like(t), flow), jnp.abs(change(t, reach * uneven)), reach)
+
+    def scales(self) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:
+        """What rounding of the guards and of their rates is relative to where the segment starts."""
+        return self.share * self.size, self.share * self.speed
 
     def signed(self, guards: Float[Array, "guard"]) -> Float[Array, "guard"]:
         """The guards, those that wait for their rise with the sign turned."""
@@ -70,13 +96,14 @@ class Watch(eqx.Module):
         by_itself = (seen.rate < 0) & (seen.value >= -jump_window(t) * speed)
         return self._widened(armed, ~starts & armed & (seen.value < 0) & ~by_itself, seen)
 
-    def after(self, event: Int[Array, ""], before, same: Bool[Array, "guard"], seen: Seen) -> "Watch":
+    def after(self, event: Int[Array, ""], before: Seen, same: Bool[Array, "guard"], seen: Seen) -> "Watch":
         """After an event (of a guard, or of any other number), given the guards just before it, which of them mean the
         same after it (`compare`), and what is seen of them then."""
-        near = closeness(before.dtype)
+        near = closeness(before.value.dtype)
+        share = self._share(before)
         this, guards = jnp.arange(self.armed.size) == event, seen.value
-        still = jnp.abs(guards - before) <= near * self.size
-        falls_on = (seen.rate < -near * self.speed) | (self.pending & (guards < 0))
+        still = jnp.abs(guards - before.value) <= near * share * self.size
+        falls_on = (seen.rate < -near * share * self.speed) | (self.pending & (guards < 0))
         passing = this & self.armed & same & still & falls_on
         # One that was passed at this very instant is on zero still: another event does not make it fall again.
         waiting = ~this & ~self.armed & ((guards < 0) | (same & still))
@@ -85,20 +112,30 @@ class Watch(eqx.Module):
         pending = armed & (guards < 0) & (~still | (self.pending & ~this))
         return self._widened(armed, pending, seen)
 
-    def compare(self, guards: Guards, modes: tuple[Any, Any], t, x, flow) -> tuple[Array, Bool[Array, "guard"]]:
+    def compare(self, guards: Guards, modes: tuple[Any, Any], t, x, flow) -> tuple[Seen, Bool[Array, "guard"]]:
         """Guards before an event, and which of them mean the same in the mode after: they have the value and the slope
         (along the flow before) that they had. One that was turned round (a threshold without hysteresis) has another
         slope."""
         old, new = modes
-        look = lambda mode: jax.jvp(lambda t, x: guards(t, x, mode), (t, x), (jnp.ones_like(t), flow))
-        before, slope = look(old)
-        there, slope_there = lax.cond(_equal(new, old), lambda: (before, slope), lambda: look(new))
-        near = lambda one, other, size: jnp.abs(one - other) <= closeness(x.dtype) * size
-        return before, near(there, before, self.size) & near(slope_there, slope, self.speed)
+        look = lambda mode: self.see(lambda t, x: guards(t, x, mode), t, x, flow)
+        before = look(old)
+        there = lax.cond(_equal(new, old), lambda: before, lambda: look(new))
+        share = closeness(x.dtype) * self._share(before)
+        same_value = jnp.abs(there.value - before.value) <= share * self.size
+        return before, same_value & (jnp.abs(there.rate - before.rate) <= share * self.speed)
+
+    def _share(self, seen: Seen) -> Float[Array, "guard"]:
+        """What part of their sizes so far the rounding of guards is relative to where they are seen: all, unless they
+        are far flatter there."""
+        flatter = seen.scale < self.size  # not where the scale is no number
+        return jnp.where(flatter, seen.scale / jnp.where(flatter, self.size, 1), 1)
 
     def _widened(self, armed, pending, seen: Seen) -> "Watch":
         size, speed = jnp.maximum(self.size, jnp.abs(seen.value)), jnp.maximum(self.speed, jnp.abs(seen.rate))
-        return Watch(armed, pending, size, speed)
+        watch = Watch(armed, pending, size, speed, self.share, seen.reach)
+        share = watch._share(seen)
+        on_zero = jnp.abs(seen.value) <= closeness(size.dtype) * share * size
+        return eqx.tree_at(lambda watch: watch.share, watch, jnp.where(on_zero, share, 0))
 
 
 def _equal(one, other) -> Bool[Array, ""]:

@@ -1,9 +1,13 @@
 """Hybrid systems that are not mechanical, against closed forms."""
 
+from collections.abc import Callable
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array
 
 import hybridsens as hs
 from tests.closeness import assert_close
@@ -179,3 +183,37 @@ def test_what_chatters_says_so():
     seen = "The last events: t = 0.317700599, event 0 to mode {'count': 1, 'on': True}"
     with pytest.raises(hs.SimulationError, match=seen):
         chatter(True)
+
+
+class SteepGuard(hs.AbstractHybridSystem):
+    """x' = a (1.3 - x), back to 0 at x = 1: told by a guard that is up to 1e17 before, and of ordinary slope there."""
+
+    a: Array
+    guard: Callable[[Array], Array] = eqx.field(static=True)
+
+    def flow(self, t, x, mode):
+        return self.a * (1.3 - x)
+
+    def guards(self, t, x, mode):
+        return self.guard(x)[None]
+
+    def transition(self, event, t, x, mode):
+        return 0 * x, mode
+
+
+STEEP = {
+    "sinh": lambda x: jnp.sinh(40 * (1 - x)),
+    "exp": lambda x: jnp.exp(30 * (1 - x)) - 1,
+    "power": lambda x: ((x + 0.1) / 1.1) ** -12 - 1,
+}
+
+
+@pytest.mark.parametrize("name", STEEP)
+def test_a_guard_that_was_large_falls_at_its_zero(name):
+    """Rounding is relative to what a guard is near its zero, not to what it was far from it: a x1 = log(1.3 / 0.3)."""
+    run = lambda a: hs.solve(SteepGuard(a, STEEP[name]), 0.0, t1=3.3, max_events=8)
+    second, slope = jax.value_and_grad(lambda a: run(a).events.time[1])(jnp.array(1.0))
+    exact = 2 * np.log(1.3 / 0.3)
+    assert int(run(jnp.array(1.0)).events.count) == 2
+    assert_close(second, exact, 1e-8)
+    assert_close(slope, -exact, 1e-7)

@@ -14,6 +14,7 @@ from ..observables import filled
 from ..xla.packed import pack
 from .control import FORESEEN
 from .jump import Jump, pull_jump_back
+from .no_length import pull_through
 from .segment_steps import Steps
 from .steps_back import BackwardPass, Costate, through_steps
 
@@ -52,6 +53,9 @@ def pull_back(
         steps = find_steps(motion, j)
         costate = costate._replace(psi=steps.valid * costate.psi)
         costate = through_steps(backward, steps, segment_end(motion, j), costate)
+        by_parameters, by_state = pull_through(system, backward.in_steps, motion, j, initial[0], costate.psi)
+        total = jax.tree.map(jnp.add, costate.total, pack(by_parameters))
+        costate = costate._replace(psi=costate.psi + by_state, total=total)
         go = lambda: _through_event(backward, recorded_event(motion, j - 1), j - 1, costate, by_events)
         return j - 1, *lax.cond(j > 0, go, lambda: (costate, by_events))
 

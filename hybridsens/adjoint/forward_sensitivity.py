@@ -32,6 +32,7 @@ from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
 from .control import DerivativeControl, of_all_directions
 from .jump import push_jump_forward
+from .no_length import push_through
 
 
 class MotionTangent(NamedTuple):
@@ -100,6 +101,7 @@ def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> t
         at = Place(jnp.array(0), t0, motion.x, dx, t0, taken, tangent.steps_x, peak, tries)
         _, _, _, dx, _, taken, steps_x, peak, tries = _through_steps(forward, motion, j, at)
         tangent = tangent._replace(steps_x=steps_x)
+        dx = dx + push_through(system, d_system, motion, j, t0, dx)
         dx, dt, taken, tangent = _through_event(forward, motion, j, (dx, dt), taken, tangent)
         ends = write(ends, jnp.where(j < events.count, taken.count, 0), jnp.minimum(j, ends.shape[0] - 1))
         return j + 1, dx, dt, taken, ends, tangent, peak, tries

@@ -61,9 +61,9 @@ class SwitchedSystem(AbstractFlatSystem):
     mode_like: Any
     """The scene's mode in which the motion begins."""
 
-    def begin(self, contacts: MechanicalSystem, mode: ContactMode) -> tuple["SwitchedSystem", SwitchedMode]:
-        """The system with these contacts, and the mode that it begins in; `choose` looks at its switches."""
-        watch = Watch.blank(self.switch_count, mode.length.dtype)
+    def begin(self, contacts: MechanicalSystem, mode: ContactMode, x) -> tuple["SwitchedSystem", SwitchedMode]:
+        """The system with these contacts, and the mode that it begins in at x; `choose` looks at its switches."""
+        watch = Watch.blank(self.switch_count, x)
         return dataclasses.replace(self, contacts=contacts), SwitchedMode(mode, self.mode_like, watch)
 
     def within(self, own) -> MechanicalSystem:
@@ -80,7 +80,7 @@ class SwitchedSystem(AbstractFlatSystem):
 
     def guards_and_rates(self, t, x, mode: SwitchedMode):
         gaps, gap_rates = self.within(mode.own).guards_and_rates(t, x, mode.contacts)
-        seen = self._see(t, x, mode.own, mode.contacts)
+        seen = self._see(t, x, mode.own, mode.contacts, mode.watch)
         signed, rates = mode.watch.signed(seen.value), mode.watch.rates(mode.watch.signed(seen.rate))
         return jnp.concatenate([gaps, signed]), jnp.concatenate([gap_rates, rates])
 
@@ -88,14 +88,15 @@ class SwitchedSystem(AbstractFlatSystem):
         q, v, _ = self.contacts.split(x)
         return self.rules.switches(as_written(self.contacts.scene), t, q, v, own).astype(x.dtype)
 
-    def _see(self, t, x, own, contacts: ContactMode) -> Seen:
+    def _see(self, t, x, own, contacts: ContactMode, watch: Watch) -> Seen:
         flow = self.within(own).flow(t, x, contacts)
-        return Seen(*jax.jvp(lambda t, x: self._switches(t, x, own), (t, x), (jnp.ones_like(t), flow)))
+        return watch.see(lambda t, x: self._switches(t, x, own), t, x, flow)
 
     def scales(self, t, x, mode: SwitchedMode):
-        """Those of the contacts, and the largest so far of each switch and of its rate."""
-        size, speed = self.within(mode.own).scales(t, x, mode.contacts)
-        return jnp.concatenate([size, mode.watch.size]), jnp.concatenate([speed, mode.watch.speed])
+        """Those of the contacts, and of the switches that the segment starts on."""
+        contacts = self.within(mode.own).scales(t, x, mode.contacts)
+        size, speed = (jnp.concatenate(both) for both in zip(contacts, mode.watch.scales(), strict=True))
+        return size, speed
 
     def grazing_depth(self, mode: SwitchedMode):
         """A switch says nothing of how nearly it was missed."""
@@ -140,7 +141,7 @@ class SwitchedSystem(AbstractFlatSystem):
         contacts = self.within(own).choose(jnp.where(number >= 0, -2, event), t, after, mode.contacts)
         among = jax.tree.map(lambda new, old: jnp.where(rises, old, new), contacts.mode, mode.contacts)
         after, _ = self.within(own).reset(contacts, t, after)
-        seen = self._see(t, after, own, among)
+        seen = self._see(t, after, own, among, mode.watch)
 
         def switched():
             flow = self.flow(t, x, mode)
