@@ -169,4 +169,5 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, co
     samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
     total = None if flat.running_cost is None else cost.restore(z)
-    return Solution(ts, samples, x, total, events, reported.mode.given, reported.status, steps, None)
+    status = flat.status_at_end(t1, final, reported.mode, reported.status)
+    return Solution(ts, samples, x, total, events, reported.mode.given, status, steps, None)
