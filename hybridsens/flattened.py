@@ -14,6 +14,7 @@ from .flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .numerics.shapes import Shapes
 from .numerics.tolerances import closeness, jump_window
+from .search.sampled import warn_of_sampled
 from .search.stretches import gap_kinds, search_guards
 from .status import Status
 from .system import AbstractHybridSystem
@@ -94,6 +95,10 @@ class FlattenedSystem(AbstractFlatSystem):
     def scales(self, t, x, mode: WatchedMode):
         """The largest so far of each guard and of its rate."""
         return mode.watch.size, mode.watch.speed
+
+    def warn_of_sampled(self, t, x):
+        """Say which guards are only sampled inside a step."""
+        warn_of_sampled("Guards", lambda t, x: self._values(t, x, self.mode_like), t, x)
 
     def searches(self, t, x):
         """Whether a guard is curved: what is affine in (t, x) cannot dip unseen. Told from the trace of the guards."""
