@@ -1,5 +1,6 @@
 """A hybrid system as the solver sees it: one vector for the state and the integrals of the running cost."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -13,7 +14,8 @@ from .delays import overflowed
 from .flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .numerics.shapes import Shapes
-from .numerics.tolerances import jump_window
+from .numerics.tolerances import closeness, jump_window
+from .search.sampled import warn_of_sampled
 from .search.stretches import gap_kinds, search_guards
 from .status import Status
 from .system import AbstractHybridSystem
@@ -30,6 +32,8 @@ class WatchedMode(eqx.Module):
     """Which guards can fall."""
     expected: Bool[Array, "time"]
     """Scheduled times that are still to come."""
+    next_time: Float[Array, ""] | None
+    """The first of them, as the last event showed it; inf where none is to come, None without scheduled times."""
 
 
 class Origin(NamedTuple):
@@ -93,6 +97,10 @@ class FlattenedSystem(AbstractFlatSystem):
         """Those of the guards that the segment starts on; others are trusted to the last bit."""
         return mode.watch.scales()
 
+    def warn_of_sampled(self, t, x):
+        """Say which guards are only sampled inside a step."""
+        warn_of_sampled("Guards", lambda t, x: self._values(t, x, self.mode_like), t, x)
+
     def searches(self, t, x):
         """Whether a guard is curved: what is affine in (t, x) cannot dip unseen. Told from the trace of the guards."""
         return bool((gap_kinds(lambda t, x: self._values(t, x, self.mode_like), t, x)[0] >= Kind.CURVED).any())
@@ -110,7 +118,9 @@ class FlattenedSystem(AbstractFlatSystem):
             starts = event == -1
             watch = mode.watch.begin(t, shown.guards, starts)
             expected = jnp.where(starts, shown.times >= t, mode.expected)
-            return _decision(WatchedMode(mode.given, watch, expected), Origin(event, mode.given), shown)
+            moves = ~starts & self._moves_by_itself(t, x, mode)
+            watched = WatchedMode(mode.given, watch, expected, self._next_time(shown.times, expected))
+            return _decision(watched, Origin(event, mode.given), shown, moves)
 
         return lax.cond(event >= 0, lambda: self.decide(event, t, x, mode), begin)
 
@@ -126,6 +136,25 @@ class FlattenedSystem(AbstractFlatSystem):
             return jnp.zeros(0, x.dtype)
         return jnp.asarray(self.system.scheduled_times(self.split(x)[0], given)).astype(x.dtype)
 
+    def _next_time(self, times, expected):
+        """The first of the times that are expected; None where the system does not speak of any."""
+        return None if self.scheduled_count is None else _first(times, expected)
+
+    def _moves_by_itself(self, t, x, mode: WatchedMode):
+        """Whether the next scheduled time has moved since the last event, by more than rounding. Its rate may be zero
+        at both."""
+        if mode.next_time is None:
+            return jnp.array(False)
+        now, near = _first(self._times(x, mode.given), mode.expected), closeness(x.dtype)
+        return ~jnp.isclose(now, mode.next_time, rtol=near, atol=near * jnp.abs(t), equal_nan=True)
+
+    def status_at_end(self, t, x, mode: WatchedMode, status: Status) -> Status:
+        """The status of a motion that ended at (t, x): of a whole one also whether a scheduled time has moved."""
+        if mode.next_time is None:
+            return status
+        moves = status.reached_end & self._moves_by_itself(t, lax.stop_gradient(x), mode)
+        return Status.where(moves, Status.scheduled_time_moves, status)
+
     def scheduled_times(self, x, mode: WatchedMode):
         """Those of the system in a mode."""
         return None if self.scheduled_count is None else self._times(x, mode.given)
@@ -136,28 +165,30 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def watched(self, mode, x) -> WatchedMode:
         """The mode that a motion begins in; `choose` looks at its guards."""
-        return WatchedMode(mode, Watch.blank(self.guard_count, x), jnp.zeros(self.scheduled_count or 0, bool))
+        never = None if self.scheduled_count is None else jnp.full((), jnp.inf, x.dtype)
+        expected = jnp.zeros(self.scheduled_count or 0, bool)
+        return WatchedMode(mode, Watch.blank(self.guard_count, x), expected, never)
 
     def decide(self, event, t, x, mode: WatchedMode) -> Decision:
         """The transition's mode, which guards can fall then, and which scheduled times are to come."""
         origin = Origin(event, mode.given)
         if self.guard_count == 0 and self.scheduled_count is None:
-            return _decision(mode, origin, self._show(t, x, mode))
+            return _decision(mode, origin, self._show(t, x, mode), jnp.array(False))
         rises = self.is_silent(event, mode)
         after, given = self._transition(event, t, x, mode.given)
         given = jax.tree.map(lambda new, old: jnp.where(rises, old, new), given, mode.given)
         after = jnp.where(rises, x, after)
         flow = self.flow(t, x, mode)
         before, same = mode.watch.compare(self._values, (mode.given, given), t, x, flow)
-        shown = self._show(t, after, WatchedMode(given, mode.watch, mode.expected))
+        shown = self._show(t, after, dataclasses.replace(mode, given=given))
         watch = mode.watch.after(event, before, same, shown.guards)
         came, times = self.guard_count + jnp.arange(shown.times.shape[0]) == event, self._times(x, mode.given)
         moved = shown.times != times  # to a time that has passed: then the event comes at once
         expected = (mode.expected & ~came) | (shown.times > t) | moved
-        watched = WatchedMode(given, watch, expected)
+        watched = WatchedMode(given, watch, expected, self._next_time(shown.times, expected))
         # A time that falls together with a jump time has passed when the clock stands behind it: nothing has moved it.
         at_once = self.fires_at_once(event, mode) | jnp.any(came & (times < t - jump_window(t)))
-        return _decision(watched, origin, shown, at_once, rises)
+        return _decision(watched, origin, shown, self._moves_by_itself(t, x, mode), at_once, rises)
 
     def _transition(self, event, t, x, given):
         state, z = self.split(x)
@@ -186,12 +217,23 @@ class FlattenedSystem(AbstractFlatSystem):
         return self.jump_ts
 
 
+def _first(times, expected) -> Array:
+    """The first of the times that are expected; inf where there is none."""
+    return jnp.min(times, initial=jnp.inf, where=expected)
+
+
 def _decision(
-    watched: WatchedMode, origin: Origin, shown: Shown, at_once: Array | bool = False, silent: Array | bool = False
+    watched: WatchedMode,
+    origin: Origin,
+    shown: Shown,
+    moved: Array,
+    at_once: Array | bool = False,
+    silent: Array | bool = False,
 ) -> Decision:
-    """A transition, after which steps may be as long as before."""
+    """A transition, after which steps may be as long as before. A scheduled time must not have `moved` before it, and
+    must stand still after it."""
     never = jnp.full((), jnp.inf, watched.watch.size.dtype)
-    moves = jnp.any(watched.expected & (shown.times_rates != 0))
+    moves = moved | jnp.any(watched.expected & (shown.times_rates != 0))
     status = Status.where(moves, Status.scheduled_time_moves, Status.running)
     status = Status.where(overflowed(watched.given), Status.queue_full, status)
     at_once, silent = jnp.asarray(at_once), jnp.asarray(silent)

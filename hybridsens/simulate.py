@@ -16,7 +16,6 @@ from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .forward.method import Method
 from .mechanics.checks import check_kinds, check_room, check_shapes
-from .mechanics.clearance import warn_of_sampled_gaps
 from .mechanics.closures import lift_closures
 from .mechanics.constant_mass import with_known_mass
 from .mechanics.discontinuities import warn_of_discontinuities
@@ -86,9 +85,9 @@ def simulate(
       stages of our own.
     - `rtol`, `atol`: tolerances of the error control per step. Other values do not compile anew.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
-    - `max_step`: longest step [s]. Dips of a gap inside a step are searched for by bounds, however short; only a gap
-      that is read from a table or made by a loop is sampled instead, at 16 places of a step or more: for such a one
-      give the time that its shortest dip lasts.
+    - `max_step`: longest step [s]. Dips of a gap or a switch inside a step are searched for by bounds, however short;
+      only one made by an operation without known bounds (a table, a loop, a special function) is sampled instead, at
+      16 places of a step or more, and a warning says so: for such a one give the time that its shortest dip lasts.
     - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of
       impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
@@ -169,7 +168,7 @@ def _simulate(
 ) -> Trajectory:
     contacts = system.contacts if isinstance(system, SwitchedSystem) else system
     if method.max_step is None:
-        warn_of_sampled_gaps(contacts.scene, t0, state.q)
+        system.warn_of_sampled(t0, jnp.concatenate([state.q, state.v]))
     declared = contacts.jump_ts is not None
     warn_of_discontinuities(contacts.scene, t0, state.q, state.v, contacts.running_cost, declared)
     if isinstance(system, SwitchedSystem):

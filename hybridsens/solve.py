@@ -70,8 +70,8 @@ def solve(
     - `rtol`, `atol`: tolerances of the error control per step. Other values do not compile anew.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
     - `max_step`: longest step. Dips of a guard inside a step are searched for by bounds, however short; only a guard
-      that is read from a table or made by a loop is sampled instead, at 16 places of a step or more: for such a one
-      give the time that its shortest dip lasts.
+      made by an operation without known bounds (a table, a loop, a special function) is sampled instead, at 16 places
+      of a step or more, and a warning says so: for such a one give the time that its shortest dip lasts.
     - `adjoint`: `Replay()` (default) or another gradient method, as for `simulate`.
     - `throw`: raise if the motion does not reach t1; with False, look at `.status`; "nan" makes value and gradient of
       such a motion nan.
@@ -160,6 +160,8 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, co
     warn_of_system(flat.system, cost_rate, (t0, x0, mode), flat.jump_ts is not None)
     warn_of_transition(flat.system, t0, x0, mode)
     start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
+    if method.max_step is None:
+        flat.warn_of_sampled(t0, start)
     options = Options(flat.watched(mode, start), horizon_status(t0, t1, ts, method), method)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)
     final, samples, states = reported.observed
@@ -169,4 +171,5 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, co
     samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
     total = None if flat.running_cost is None else cost.restore(z)
-    return Solution(ts, samples, x, total, events, reported.mode.given, reported.status, steps, None)
+    status = flat.status_at_end(t1, final, reported.mode, reported.status)
+    return Solution(ts, samples, x, total, events, reported.mode.given, status, steps, None)

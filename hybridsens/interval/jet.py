@@ -103,8 +103,13 @@ def log(a: Jet) -> Jet:
     return composed(a, increasing(jnp.log, a.value), u, negative(square(u)))
 
 
+def root(a: Interval) -> Interval:
+    """Range of a square root; of what lies below 0 that of 0."""
+    return increasing(lambda x: jnp.sqrt(jnp.maximum(x, 0)), a)
+
+
 def sqrt(a: Jet) -> Jet:
-    u = increasing(lambda x: jnp.sqrt(jnp.maximum(x, 0)), a.value)
+    u = root(a.value)
     slope = scaled(reciprocal(u), 0.5)
     return composed(a, u, slope, scaled(power(slope, 3), -2.0))
 
@@ -134,12 +139,6 @@ def erf(a: Jet) -> Jet:
     bell = exp(negate(integer_power(Jet(a.value, None, None), 2))).value
     slope = scaled(bell, float(2 / jnp.pi**0.5))
     return composed(a, increasing(lax.erf, a.value), slope, scaled(times(a.value, slope), -2.0))
-
-
-def atan(a: Jet) -> Jet:
-    u = a.value
-    slope = reciprocal(plus(point(jnp.ones_like(u.low)), square(u)))
-    return composed(a, increasing(jnp.arctan, u), slope, scaled(times(u, square(slope)), -2.0))
 
 
 def scaled_jet(a: Jet, factor: float) -> Jet:

@@ -5,6 +5,7 @@ import math
 import jax.numpy as jnp
 from jax import lax
 
+from . import inverses
 from . import jet as J
 from .arithmetic import Interval, outward, point
 from .jet import Jet, Truth
@@ -20,7 +21,13 @@ PICKS = {"gather", "dynamic_slice"}
 
 UNARY = {
     "abs": J.absolute,
-    "atan": J.atan,
+    "acos": inverses.acos,
+    "acosh": inverses.acosh,
+    "asin": inverses.asin,
+    "asinh": inverses.asinh,
+    "atan": inverses.atan,
+    "atanh": inverses.atanh,
+    "cbrt": inverses.cbrt,
     "cos": J.cos,
     "erf": J.erf,
     "exp": J.exp,
@@ -52,6 +59,7 @@ BINARY = {
     "div": J.divide,
     "max": J.maximum,
     "min": J.minimum,
+    "atan2": inverses.atan2,
     "pow": lambda a, b: J.exp(J.multiply(b, J.log(a))),
     "lt": J.less,
     "le": J.less_or_equal,

@@ -12,6 +12,7 @@ from jaxtyping import Array, Int
 
 from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
+from ..search.sampled import warn_of_sampled
 from ..search.stretches import gap_kinds, search_guards
 from ..status import Status
 from ..watch import Seen, Watch
@@ -101,6 +102,11 @@ class SwitchedSystem(AbstractFlatSystem):
     def grazing_depth(self, mode: SwitchedMode):
         """A switch says nothing of how nearly it was missed."""
         return jnp.concatenate([self.contacts.grazing_depth(mode.contacts), jnp.full_like(mode.watch.size, -1)])
+
+    def warn_of_sampled(self, t, x):
+        """Say which gaps and which switches are only sampled inside a step."""
+        self.contacts.warn_of_sampled(t, x)
+        warn_of_sampled("Switches", lambda t, x: self._switches(t, x, self.mode_like), t, x)
 
     def searches(self, t, x):
         """Whether a gap or a switch is curved."""

@@ -14,6 +14,7 @@ from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
 from ..numerics.tolerances import closeness
 from ..search.path import Path
+from ..search.sampled import warn_of_sampled
 from ..search.stretches import gap_kinds, search_gaps
 from ..status import Status
 from .contact import Instant, contact_geometry, gap_and_rate
@@ -100,6 +101,10 @@ class MechanicalSystem(AbstractFlatSystem):
             return jnp.where(mode.active, multiplier, gap), jnp.where(mode.active, multiplier_rate, rate)
 
         return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
+
+    def warn_of_sampled(self, t, x):
+        """Say which gaps are only sampled inside a step."""
+        warn_of_sampled("Gaps", self.scene.gap, t, self.split(x)[0])
 
     def searches(self, t, x):
         """Whether a gap is curved (what is affine in (t, q) cannot dip unseen), or a load may let a held contact go."""

@@ -104,8 +104,8 @@ def gap_kinds(gap: Gap, t, q):
 def search_gaps(gap: Gap, path: Path, step: StepEnds, tolerance, searched, wanted) -> Searched:
     """First fall below -tolerance, inside a step, of one of the gaps to be searched (a mask).
 
-    Bounds are those of interval arithmetic. A gap made by an operation without a rule there (a table, a loop) is
-    sampled at 16 places of the step or more, and its second derivative is guessed from the samples.
+    Bounds are those of interval arithmetic. A gap made by an operation without a rule there (a table, a loop, a
+    special function) is sampled at 16 places of the step or more, and its second derivative is guessed from these.
     """
     kind, trace = gap_kinds(gap, path.t0, path.coefficients[0])
     look = _looker(gap, path, step, trace, kind == Kind.UNKNOWN)

@@ -12,15 +12,22 @@ import jax.core
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+IMPLICIT = (
+    " A root of what a motion returns (optimistix.root_find: a periodic orbit, shooting) is differentiated implicitly, "
+    "in forward mode that is then transposed, which neither method serves: find it by optimistix.Newton with "
+    "adjoint=hybridsens.ForwardSensitivities(), and differentiate it by jax.jacfwd instead of jax.grad."
+)
 REVERSE_ONLY = (
     "This gradient method serves reverse mode (jax.grad, jax.vjp, jax.jacrev), and second derivatives by "
     "jax.jacfwd(jax.grad(...)) or jax.hessian, but it must not be used by forward mode (jax.jvp, jax.linearize, "
     "jax.jacfwd) alone. Give `simulate` adjoint=hybridsens.ForwardSensitivities() for forward mode."
+    + IMPLICIT
 )
 FORWARD_ONLY = (
     "ForwardSensitivities() serves forward mode (jax.jvp, jax.linearize, jax.jacfwd, also nested), but it must not be "
     "used by reverse mode (jax.grad, jax.vjp, jax.jacrev, jax.hessian). Give `simulate` adjoint=hybridsens.Replay() "
     "for gradients, and for second derivatives with it jax.jacfwd(jax.grad(...))."
+    + IMPLICIT
 )
 FORWARD_OVER_REVERSE = (
     "Second derivatives of a motion are served by forward mode over reverse mode: use jax.jacfwd(jax.grad(...)) or "

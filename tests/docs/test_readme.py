@@ -79,6 +79,23 @@ def test_the_control_with_knots_has_the_closed_form_gradient():
     np.testing.assert_allclose(by_values, expected, rtol=1e-7)
 
 
+def test_the_periodic_orbit_has_its_closed_form(monkeypatch):
+    """A ball that comes back after a period has v = weight / 2; its impact turns v round if the table moves at
+    u = weight (1 - e) / (1 + e) / 2 = 2 pi a cos(2 pi t)."""
+    monkeypatch.setattr(hybridsens, "configure", lambda: None)
+    names: dict = {}
+    exec(_blocks("docs/howto/periodic.md")[0], names)
+
+    def exact(table):
+        u = table.weight * (1 - table.e) / (1 + table.e) / 2
+        return jnp.stack([jnp.arccos(u / (2 * jnp.pi * table.a)) / (2 * jnp.pi), table.weight / 2])
+
+    table, orbit = names["table"], names["orbit"]
+    np.testing.assert_allclose(orbit(table), exact(table), rtol=1e-8)
+    found, expected = (jax.tree.leaves(jax.jacfwd(way)(table)) for way in (orbit, exact))
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
+
+
 def test_the_neuron_has_the_closed_form_gradient(capsys):
     """Spike k comes log(i_k / (i_k - 1)) after the one before, with i_k = 1.6 + k w."""
     exec(_blocks("docs/howto/neuron.md")[0], {})

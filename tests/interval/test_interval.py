@@ -22,6 +22,11 @@ FUNCTIONS = {
     "roots": lambda x, y: jnp.sqrt(x * x + y * y + 0.1) + jax.lax.rsqrt(1 + jnp.exp(y)) + jnp.log1p(y * y),
     "logarithm": lambda x, y: jnp.log(5 + x) * (5 + y) ** 1.3,
     "steps": lambda x, y: jnp.tanh(4 * x) + jax.nn.sigmoid(y) + jax.scipy.special.erf(x * y) + jnp.arctan(x + y),
+    "angles": lambda x, y: jnp.arcsin(jnp.sin(x) * 0.9) - jnp.arccos(jnp.cos(y) * 0.8),
+    "direction": lambda x, y: jnp.arctan2(y, x + 3) + jnp.arctan2(y + 4, x) * jnp.arctan2(y - 5, x),
+    "any direction": lambda x, y: jnp.arctan2(x, y) + jnp.arctan2(x, 2.0),
+    "inverses": lambda x, y: jnp.arcsinh(3 * x) + jnp.arccosh(1.1 + y * y) * jnp.arctanh(0.9 * jnp.sin(x)),
+    "cube roots": lambda x, y: jnp.cbrt(x * x + 0.1) - jnp.cbrt(y - 9),
     "hyperbolic": lambda x, y: jnp.sinh(x) - jnp.cosh(y),
     "kinks": lambda x, y: jnp.abs(x) + jnp.maximum(x, y) - jnp.minimum(2 * x, 1.0) + jnp.clip(y, -0.5, 0.5),
     "cases": lambda x, y: jnp.where(x > y, x - y, jnp.where((x < 0) & ~(y <= 0), 1.0, x * y)),
@@ -97,6 +102,29 @@ def test_bounds_close_in_on_a_short_stretch(name):
     jet = bounds(FUNCTIONS[name])[0](*jets(numbers, 0.2, 1e-6))
     assert jet[0].high - jet[0].low < 1e-4
     assert jet[2].high - jet[2].low < 1e-2
+
+
+OUTSIDE = {"asin": jnp.arcsin, "acos": jnp.arccos, "acosh": jnp.arccosh, "atanh": jnp.arctanh, "cbrt": jnp.cbrt}
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_bounds_hold_or_are_unknown_at_the_edge_of_a_domain_and_outside(name):
+    """Of value, slope and curvature over random stretches of s in [-3, 3], wherever there is one."""
+    function, rng = OUTSIDE[name], np.random.default_rng(0)
+    ends = np.sort(np.concatenate([rng.uniform(-3, 3, (200, 2)), [[-1, 1], [1, 2], [0, 1], [-1, 0], [0, 0.5]]]), 1)
+    trace = jax.make_jaxpr(function)(jnp.zeros(len(ends)))
+    jet = enclose(trace, [Jet(Interval(*jnp.array(ends.T)), point(jnp.ones(len(ends))), None)])
+    derivatives = [function, jax.grad(function), jax.grad(jax.grad(function))]
+    s = jnp.array(ends[:, :1] + np.diff(ends) * np.linspace(0, 1, SAMPLES))
+    for part, derivative in zip(jet, derivatives, strict=True):
+        samples = np.asarray(jax.vmap(jax.vmap(derivative))(s))
+        known = ~np.isnan(part.low) & ~np.isnan(part.high)
+        slack = 1e-13 * (1 + np.abs(np.nan_to_num(samples, posinf=0, neginf=0)))
+        inside = (samples >= part.low[:, None] - slack) & (samples <= part.high[:, None] + slack)
+        assert np.all(inside[known] | np.isnan(samples[known]))
+        assert known.any()
+    outside = np.isnan(np.asarray(function(s))).all(1)
+    assert np.isnan(np.asarray(jet.value.low))[outside].all()
 
 
 def test_kinds_are_told_entry_by_entry():

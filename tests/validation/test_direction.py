@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import optimistix
 import pytest
 
 import hybridsens as hs
@@ -68,6 +69,25 @@ def test_reverse_mode_with_forward_sensitivities(way):
     """What serves gradients and second derivatives is named."""
     with pytest.raises(TypeError, match=r"adjoint=hybridsens.Replay\(\).*jax.jacfwd\(jax.grad"):
         REVERSE[way]()
+
+
+def weight_to_fall(height, adjoint):
+    """The weight that falls from 1 to this height within 0.1: 200 (1 - height)."""
+    miss = lambda weight, height: final(weight, adjoint=adjoint, throw=False) - height
+    return optimistix.root_find(miss, optimistix.Newton(rtol=1e-10, atol=1e-10), W, height).value
+
+
+@pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
+def test_a_root_in_reverse_mode(adjoint):
+    """Neither method serves implicit differentiation in reverse mode; the words name what does."""
+    with pytest.raises(TypeError, match=r"optimistix.Newton with adjoint=hybridsens.Forward.*by jax.jacfwd instead"):
+        jax.grad(weight_to_fall)(jnp.array(0.9), adjoint)
+
+
+def test_a_root_in_forward_mode():
+    """The way that the words name."""
+    slope = jax.jacfwd(weight_to_fall)(jnp.array(0.9), hs.ForwardSensitivities())
+    assert abs(slope + 200) < 1e-6
 
 
 @pytest.mark.parametrize("transform", [lambda f: f, jax.jit], ids=["plain", "jit"])
