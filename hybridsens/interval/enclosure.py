@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
+from jax import lax
 
 from . import jet as J
 from .jet import Jet, Truth
@@ -40,6 +41,9 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
     name, params = equation.primitive.name, equation.params
     if name in CALLS:
         return _run(*inner_jaxpr(equation), operands)
+    if name == "cond" and not isinstance(operands[0], Jet | Truth):
+        cases = [_run(branch.jaxpr, branch.consts, operands[1:]) for branch in params["branches"]]
+        return [_picked(operands[0], results) for results in zip(*cases, strict=True)]
     bind = lambda *values: equation.primitive.bind(*values, **params)
     if not any(isinstance(operand, Jet | Truth) for operand in operands):
         outcome = bind(*operands)
@@ -48,6 +52,16 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
     if outcome is None:
         return [_unknown(variable.aval) for variable in equation.outvars]
     return [_spread(outcome, equation.outvars[0].aval.shape)]
+
+
+def _picked(which, cases) -> Any:
+    """The result of the branch that a constant picks: an array where no branch moves, else a jet or a condition."""
+    if any(isinstance(case, Truth) for case in cases):
+        truths = [case if isinstance(case, Truth) else Truth(case, case) for case in cases]
+        return Truth(*(lax.select_n(which, *parts) for parts in zip(*truths, strict=True)))
+    if any(isinstance(case, Jet) for case in cases):
+        return select(which, [_jet(case) for case in cases])
+    return lax.select_n(which, *cases)
 
 
 def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth | None:
@@ -122,5 +136,6 @@ def _moved(jets: list[Jet], bind) -> Jet:
 def _unknown(aval) -> Jet | Truth:
     if aval.dtype == bool:
         return Truth(jnp.zeros(aval.shape, bool), jnp.ones(aval.shape, bool))
-    nothing = J.point(jnp.full(aval.shape, jnp.nan, jnp.result_type(float)))
+    dtype = aval.dtype if jnp.issubdtype(aval.dtype, jnp.floating) else jnp.result_type(float)
+    nothing = J.point(jnp.full(aval.shape, jnp.nan, dtype))
     return Jet(nothing, nothing, nothing)

@@ -59,6 +59,10 @@ def _kinds(equation, operands: list[np.ndarray]) -> list[np.ndarray]:
     if name in CALLS:
         jaxpr, constants = inner_jaxpr(equation)
         return _run(jaxpr, [np.zeros(np.shape(x), int) for x in constants], operands)
+    if name == "cond" and not operands[0].any():  # by the mode, say
+        branches = equation.params["branches"]
+        cases = [_run(b.jaxpr, [np.zeros(np.shape(x), int) for x in b.consts], operands[1:]) for b in branches]
+        return [np.asarray(np.maximum.reduce(results)) for results in zip(*cases, strict=True)]
     if name in MOVES:
         return [MOVES[name](equation.params, *operands)]
     if name in UNARY or name in BINARY:

@@ -13,6 +13,7 @@ from hybridsens.interval.jet import Jet
 from hybridsens.interval.kind import Kind, kinds
 
 SAMPLES = 41
+WHICH = jnp.array([1])
 MATRIX = np.array([[1.0, -2.0], [0.5, 3.0]])
 FUNCTIONS = {
     "polynomial": lambda x, y: x**3 - 2 * x * x * y + y**2 - 1.5,
@@ -30,6 +31,7 @@ FUNCTIONS = {
     "hyperbolic": lambda x, y: jnp.sinh(x) - jnp.cosh(y),
     "kinks": lambda x, y: jnp.abs(x) + jnp.maximum(x, y) - jnp.minimum(2 * x, 1.0) + jnp.clip(y, -0.5, 0.5),
     "cases": lambda x, y: jnp.where(x > y, x - y, jnp.where((x < 0) & ~(y <= 0), 1.0, x * y)),
+    "branches": lambda x, y: jax.lax.switch(WHICH[0], [lambda: x + y, lambda: jnp.where(x > y, 1.0, x * y)]),
     "jumps": lambda x, y: jnp.sign(x) + jnp.floor(3 * y) + (x >= 0.5) * y,
     "integers": lambda x, y: x - jnp.where(x > y, 0, 1),
     "products": lambda x, y: jnp.stack([x, y]) @ (MATRIX @ jnp.stack([x * y, jnp.cos(y)])) + jnp.dot(x[None], x[None]),
@@ -130,11 +132,12 @@ def test_bounds_hold_or_are_unknown_at_the_edge_of_a_domain_and_outside(name):
 def test_kinds_are_told_entry_by_entry():
     """Constant, affine, curved and unknown, beside each other in one result."""
     table = jnp.arange(4.0)
+    by_mode = lambda q: jax.lax.switch(WHICH[0], [lambda q: 2 * q[0], lambda q: 1 - q[1]], q)
 
     def gap(t, q):
         unknown = jnp.interp(q[0], table, table)
-        return jnp.stack([table[1], 2 * q[0] - t / 3, q[0] * q[1], unknown, jnp.where(q[1] > 0, 1.0, 2.0)])
+        return jnp.stack([table[1], 2 * q[0] - t / 3, q[0] * q[1], unknown, jnp.where(q[1] > 0, 1.0, 2.0), by_mode(q)])
 
     trace = jax.make_jaxpr(gap)(0.0, jnp.zeros(2))
     found = kinds(trace, [np.full(x.shape, Kind.AFFINE) for x in trace.in_avals])
-    assert found.tolist() == [Kind.CONSTANT, Kind.AFFINE, Kind.CURVED, Kind.UNKNOWN, Kind.CURVED]
+    assert found.tolist() == [Kind.CONSTANT, Kind.AFFINE, Kind.CURVED, Kind.UNKNOWN, Kind.CURVED, Kind.AFFINE]

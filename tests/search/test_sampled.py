@@ -31,7 +31,7 @@ BOUNDED = {
 
 
 class Runner(hs.AbstractHybridSystem):
-    """x' = 1, counted where the first guard falls; the second one never does."""
+    """x' = 1, counted where the first guard falls; the second one, which the mode picks, never does."""
 
     start: jax.Array
     known_discontinuities = True
@@ -41,7 +41,7 @@ class Runner(hs.AbstractHybridSystem):
         return jnp.ones(())
 
     def guards(self, t, x, mode):
-        return jnp.stack([dip(self.of, x), 20 - x])
+        return jnp.stack([dip(self.of, x), jax.lax.switch(mode, [lambda: 20 - x, lambda: 30 - x * x / 100])])
 
     def transition(self, event, t, x, mode):
         return x, mode + 1
