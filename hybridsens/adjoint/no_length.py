@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool
 from ..flat_system import AbstractFlatSystem, Mode
 from ..forward.record import Motion, segment, segment_end, segment_start
 from ..numerics.batch_axes import batch_in_front
+from ..observables import filled
 
 
 @eqx.filter_custom_jvp
@@ -38,7 +39,8 @@ def _in_no_time_jvp(primals, tangents):
     rate, t0, t1, *arguments = primals
     _, dt0, dt1, *_ = tangents
     apart = (0 if dt1 is None else dt1) - (0 if dt0 is None else dt0)
-    rates = rate(*arguments)
+    zero = _zero((t0, t1, arguments))
+    rates = jax.tree.map(lambda leaf: leaf + zero.astype(leaf.dtype), rate(*arguments))
     moved = jax.tree.map(lambda leaf: (apart * leaf).astype(leaf.dtype), rates)
     return batch_in_front((jax.tree.map(jnp.zeros_like, rates), moved))
 
@@ -57,7 +59,8 @@ def push_through(system: AbstractFlatSystem, d_system, motion: Motion, j, t0, dx
     is_empty, (start, end), x, mode = without_length(motion, j, t0)
 
     def rate(system, d_system, t, x, mode, dx):
-        return eqx.filter_jvp(lambda system, x: system.flow(t, x, mode), (system, x), (d_system, dx))[1]
+        flow = lambda system, x: system.flow(t, x, mode)
+        return filled(*eqx.filter_jvp(flow, (system, x), (d_system, dx)))
 
     return jnp.where(is_empty, _in_no_time(rate, start, end, system, d_system, end, x, mode, dx), 0)
 

@@ -131,3 +131,20 @@ def test_a_ball_thrown_at_the_floor_from_the_floor(way):
 
     p = jnp.array([9.81, 0.0, -3.0])
     assert_close(hessian(cost, way)(p), jax.hessian(exact)(p), 1e-7)
+
+
+class Steady(Leaks):
+    """The same with x' = 1, which depends on nothing: they fire at x = 1, and start again from I."""
+
+    def flow(self, t, x, mode):
+        return jnp.ones_like(x)
+
+    def transition(self, event, t, x, mode):
+        return x.at[event].set(self.current[event] ** 2), mode
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_flow_that_depends_on_nothing_has_derivatives_of_its_events_alone(way):
+    """x(T) = T - 1 + I^2."""
+    cost = lambda p, adjoint: jnp.sum(hs.solve(Steady(p), jnp.zeros(2), t1=1.5, max_events=4, adjoint=adjoint).final)
+    assert_close(hessian(cost, way)(jnp.array([0.1, 0.1])), 2 * jnp.eye(2), 1e-12)
