@@ -94,8 +94,8 @@ class FlattenedSystem(AbstractFlatSystem):
         return self.system.guards(t, self.split(x)[0], given).astype(x.dtype)
 
     def scales(self, t, x, mode: WatchedMode):
-        """Those of the guards that the segment starts on; others are trusted to the last bit."""
-        return mode.watch.scales()
+        """Those that events have shown, or less where a guard is flatter."""
+        return mode.watch.scales(lambda t, x: self._values(t, x, mode.given), t, x)
 
     def warn_of_sampled(self, t, x):
         """Say which guards are only sampled inside a step."""

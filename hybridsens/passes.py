@@ -62,7 +62,7 @@ def _go(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sampl
     return motion, _samples(problem, options, motion)
 
 
-go_forward = eqx.filter_jit(_go)  # traced for the value and again for its gradient: the second time it is looked up
+go_forward = eqx.filter_jit(_go)  # in a batch it is traced for an element and for its way back: looked up then
 
 
 def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: Problem) -> Observables:

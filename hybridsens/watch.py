@@ -41,11 +41,9 @@ class Watch(eqx.Module):
     pending: Bool[Array, "guard"]
     """Guards that a transition has put below zero: they fire at once."""
     size: Float[Array, "guard"]
-    """Largest value of each guard that events have shown: what its rounding is relative to."""
+    """Largest value of each guard that events have shown."""
     speed: Float[Array, "guard"]
     """The same of its rate."""
-    share: Float[Array, "guard"]
-    """What part of both its rounding is relative to where the motion stands; 0 for a guard that is not on zero."""
     reach: Float[Array, "state"]
     """Largest |x| that events have shown."""
 
@@ -53,22 +51,22 @@ class Watch(eqx.Module):
     def blank(cls, count: int, x: Float[Array, "state"]) -> "Watch":
         """What is known of guards before anything is."""
         no, zero = jnp.zeros(count, bool), jnp.zeros(count, x.dtype)
-        return cls(no, no, zero, zero, zero, jnp.zeros_like(x))
+        return cls(no, no, zero, zero, jnp.zeros_like(x))
 
     def see(self, guards: Callable[[Array, Array], Array], t, x, flow) -> Seen:
-        """Guards, as the user wrote them, of (t, x), and their rates along a flow.
+        """Guards, as the user wrote them, of (t, x), and their rates along a flow."""
+        value, change = jax.linearize(guards, t, x)
+        reach = jnp.maximum(self.reach, jnp.abs(x))
+        return Seen(value, change(jnp.ones_like(t), flow), jnp.abs(change(t, _uneven(reach))), reach)
+
+    def scales(self, guards: Callable[[Array, Array], Array], t, x) -> tuple[Array, Array]:
+        """What rounding of the guards and of their rates is relative to at (t, x).
 
         A guard may be large far from its zero and steep there, as an exponential is: its rounding at zero is not that
         of its largest value."""
-        value, change = jax.linearize(guards, t, x)
         reach = jnp.maximum(self.reach, jnp.abs(x))
-        # Uneven parts of each entry, so that equal terms of different signs do not cancel.
-        uneven = 1 + jnp.arange(x.shape[0], dtype=x.dtype) * UNEVEN % 1
-        return Seen(value, change(jnp.ones_like(t), flow), jnp.abs(change(t, reach * uneven)), reach)
-
-    def scales(self) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:
-        """What rounding of the guards and of their rates is relative to where the segment starts."""
-        return self.share * self.size, self.share * self.speed
+        share = self._share(jnp.abs(jax.jvp(guards, (t, x), (t, _uneven(reach)))[1]))
+        return share * self.size, share * self.speed
 
     def signed(self, guards: Float[Array, "guard"]) -> Float[Array, "guard"]:
         """The guards, those that wait for their rise with the sign turned."""
@@ -100,7 +98,7 @@ class Watch(eqx.Module):
         """After an event (of a guard, or of any other number), given the guards just before it, which of them mean the
         same after it (`compare`), and what is seen of them then."""
         near = closeness(before.value.dtype)
-        share = self._share(before)
+        share = self._share(before.scale)
         this, guards = jnp.arange(self.armed.size) == event, seen.value
         still = jnp.abs(guards - before.value) <= near * share * self.size
         falls_on = (seen.rate < -near * share * self.speed) | (self.pending & (guards < 0))
@@ -120,22 +118,24 @@ class Watch(eqx.Module):
         look = lambda mode: self.see(lambda t, x: guards(t, x, mode), t, x, flow)
         before = look(old)
         there = lax.cond(_equal(new, old), lambda: before, lambda: look(new))
-        share = closeness(x.dtype) * self._share(before)
+        share = closeness(x.dtype) * self._share(before.scale)
         same_value = jnp.abs(there.value - before.value) <= share * self.size
         return before, same_value & (jnp.abs(there.rate - before.rate) <= share * self.speed)
 
-    def _share(self, seen: Seen) -> Float[Array, "guard"]:
-        """What part of their sizes so far the rounding of guards is relative to where they are seen: all, unless they
-        are far flatter there."""
-        flatter = seen.scale < self.size  # not where the scale is no number
-        return jnp.where(flatter, seen.scale / jnp.where(flatter, self.size, 1), 1)
+    def _share(self, scale) -> Float[Array, "guard"]:
+        """What part of their sizes so far the rounding of guards of that scale is relative to: all, unless they are far
+        flatter there."""
+        flatter = scale < self.size  # not where the scale is no number
+        return jnp.where(flatter, scale / jnp.where(flatter, self.size, 1), 1)
 
     def _widened(self, armed, pending, seen: Seen) -> "Watch":
         size, speed = jnp.maximum(self.size, jnp.abs(seen.value)), jnp.maximum(self.speed, jnp.abs(seen.rate))
-        watch = Watch(armed, pending, size, speed, self.share, seen.reach)
-        share = watch._share(seen)
-        on_zero = jnp.abs(seen.value) <= closeness(size.dtype) * share * size
-        return eqx.tree_at(lambda watch: watch.share, watch, jnp.where(on_zero, share, 0))
+        return Watch(armed, pending, size, speed, seen.reach)
+
+
+def _uneven(reach: Float[Array, "state"]) -> Float[Array, "state"]:
+    """Uneven parts of each entry, so that equal terms of different signs do not cancel."""
+    return reach * (1 + jnp.arange(reach.shape[0], dtype=reach.dtype) * UNEVEN % 1)
 
 
 def _equal(one, other) -> Bool[Array, ""]:

@@ -17,8 +17,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..flat_system import StepEnds
-from ..numerics.tolerances import time_resolution
-from .guards import GuardsAtStart
+from ..numerics.tolerances import rounding, time_resolution
+from .guards import GuardsAtStart, scales_at
 from .inside import Before, Inside, look_inside
 from .record import StepRecord
 
@@ -109,7 +109,8 @@ class EventLocator(diffrax.AbstractStepSizeController):
         begin, end, error = jnp.asarray(t0), jnp.asarray(t1), jnp.asarray(y_error)
         step = StepEnds(begin, y0, state.guard, state.rate, end, y1_candidate, guard, rate, error, error_order)
         depth = jnp.broadcast_to(system.grazing_depth(mode), guard.shape)
-        before = Before(self.start.guard_rounding, state.noise, state.shortenings, self.stop, depth)
+        rounded = rounding(guard.dtype) * scales_at(system, t1, y1_candidate, mode, guard)[0]
+        before = Before(rounded, state.noise, state.shortenings, self.stop, depth)
         inside, h = look_inside(step, before), t1 - t0
         if system.searches(t0, y0):
             inside = _search(system, mode, step, accurate, inside, before)

@@ -14,8 +14,6 @@ class GuardsAtStart(eqx.Module):
     rate: Float[Array, "guard"]
     noise: Float[Array, "guard"]
     """Rounding to be granted to a guard that the segment starts on without a rate; 0 for every other guard."""
-    guard_rounding: Float[Array, "guard"]
-    """Rounding error of evaluating each guard."""
     leaving: Bool[Array, "guard"]
     """Guards that the segment starts on."""
     triggered: Bool[Array, "guard"]
@@ -27,12 +25,18 @@ def guards_at_start(system, t, x, mode) -> GuardsAtStart:
 
     A guard that is left starts at 0 with a rate that is not negative, so its cubic has no root at the start (T4)."""
     guard, rate = system.guards_and_rates(t, x, mode)
-    size, rate_size = (jnp.broadcast_to(scale, guard.shape) for scale in system.scales(t, x, mode))
+    size, rate_size = scales_at(system, t, x, mode, guard)
     noise, rate_noise = closeness(x.dtype) * size, closeness(x.dtype) * rate_size
     triggered = (rate < -rate_noise) & (guard <= rounding(x.dtype) * size - time_resolution(t, 0) * rate)
     leaving = (guard <= noise) & ~triggered & (rate >= -rate_noise)
     lifting = leaving & (rate <= rate_noise)  # without a rate, only its acceleration carries it off
-    return GuardsAtStart(guard, rate, jnp.where(lifting, noise, 0), rounding(x.dtype) * size, leaving, triggered)
+    return GuardsAtStart(guard, rate, jnp.where(lifting, noise, 0), leaving, triggered)
+
+
+def scales_at(system, t, x, mode, guard) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:
+    """What the rounding of guards and of their rates is relative to at (t, x)."""
+    size, rate_size = (jnp.broadcast_to(scale, guard.shape) for scale in system.scales(t, x, mode))
+    return size, rate_size
 
 
 def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> tuple[Int[Array, ""], Float[Array, ""]]:

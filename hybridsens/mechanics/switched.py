@@ -94,9 +94,10 @@ class SwitchedSystem(AbstractFlatSystem):
         return watch.see(lambda t, x: self._switches(t, x, own), t, x, flow)
 
     def scales(self, t, x, mode: SwitchedMode):
-        """Those of the contacts, and of the switches that the segment starts on."""
+        """Those of the contacts and of the switches."""
         contacts = self.within(mode.own).scales(t, x, mode.contacts)
-        size, speed = (jnp.concatenate(both) for both in zip(contacts, mode.watch.scales(), strict=True))
+        switches = mode.watch.scales(lambda t, x: self._switches(t, x, mode.own), t, x)
+        size, speed = (jnp.concatenate(both) for both in zip(contacts, switches, strict=True))
         return size, speed
 
     def grazing_depth(self, mode: SwitchedMode):

@@ -13,9 +13,6 @@ from jaxtyping import Array, Bool, Float
 
 from .batch_axes import batch_in_front
 
-CLOSED = 2
-"""Of so many unknowns the inverse is written down: an elimination has a quotient for every entry, and XLA makes a
-kernel of each. (Of three and four, written down by blocks, it compiles half as long again.)"""
 UNROLLED = 4
 """Up to this many unknowns the elimination is written out: it takes n^3 / 6 operations to compile."""
 SMALL = 8
@@ -31,16 +28,20 @@ def solve_spd(matrix: Float[Array, "n n"], right: Float[Array, "n *m"]) -> Float
         return right
     if matrix.shape[0] == 1:
         return right / matrix[0, 0]
-    return (_solve_closed if matrix.shape[0] == CLOSED else _solve)(matrix, right)
+    if matrix.shape[0] == 2:
+        return _solve_for_two(matrix, right)
+    return _solve(matrix, right)
 
 
 @jax.custom_jvp
-def _solve_closed(matrix, right):
+def _solve_for_two(matrix, right):
+    """By the inverse: an elimination has a quotient for every entry, and XLA makes a kernel of each. (Of three and four
+    unknowns the inverse, written out, compiles half as long again as the elimination.)"""
     return batch_in_front(_inverse_of_two(matrix) @ right)
 
 
-@_solve_closed.defjvp
-def _solve_closed_jvp(primals, tangents):
+@_solve_for_two.defjvp
+def _solve_for_two_jvp(primals, tangents):
     """dx = A^-1 (db - dA x), by the inverse that is at hand."""
     (matrix, right), (d_matrix, d_right) = primals, tangents
     inverse = _inverse_of_two(matrix)
