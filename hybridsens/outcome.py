@@ -75,7 +75,9 @@ def _spoil_jvp(primals, tangents):
 
 
 def _message(code) -> str:
-    return f"The motion did not reach its end: {_status(code).message}"
+    status = _status(code)
+    became = "could not begin" if status.at_start else "did not reach its end"
+    return f"The motion {became}: {status.message}"
 
 
 def _status(code) -> Any:

@@ -16,25 +16,31 @@ from .adjoint.methods import AbstractGradientMethod
 from .forward.method import Method
 from .status import Status
 from .validation.arguments import real_array, real_fraction, real_tolerance
-from .validation.asked import Asked
+from .validation.asked import Asked, kind_of
 from .validation.direction import not_differentiable
 from .validation.spelling import did_you_mean
 
 
 def _tolerances(rtol, atol, dtype):
     """Tolerances that the floating point type can meet."""
-    if isinstance(rtol, jax.Array) or isinstance(atol, jax.Array):
-        return rtol, atol
     finest = 16 * float(jnp.finfo(dtype).eps)
+    if isinstance(rtol, jax.Array) or isinstance(atol, jax.Array):
+        return _raised(rtol, finest), _raised(atol, finest) if dtype == jnp.float32 else atol
     atol = max(atol, float(jnp.finfo(dtype).tiny) ** 0.5)  # the error norm squares an error over it
     if rtol < finest or (atol < finest and dtype == jnp.float32):
+        double = " For double precision call `hybridsens.configure(x64=True)` before JAX starts."
         warnings.warn(
-            f"Tolerances below {finest:.1e} are beyond {dtype} and are raised to it. "
-            "For double precision call `hybridsens.configure(x64=True)` before JAX starts.",
+            f"Tolerances below {finest:.1e} are beyond {dtype} and are raised to it."
+            f"{double if dtype == jnp.float32 else ''}",
             stacklevel=4,
         )
         return max(rtol, finest), max(atol, finest) if dtype == jnp.float32 else atol
     return rtol, atol
+
+
+def _raised(tolerance, finest: float):
+    """A tolerance that is known only when the motion runs; one that is not positive stays, to be refused."""
+    return jnp.where(jnp.asarray(tolerance) > 0, jnp.maximum(tolerance, finest), tolerance)
 
 
 class Settings(TypedDict, total=False):
@@ -156,11 +162,11 @@ def check_settings(max_events, max_steps, solver, adjoint, throw):
     if solver is not None and not _serves(solver):
         raise TypeError(
             "`solver` must be a Diffrax solver of ordinary differential equations with an error estimate, such as "
-            f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), but is {type(solver).__name__}."
+            f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), but is {kind_of(solver)}."
         )
     if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
         raise TypeError(
-            f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {type(adjoint).__name__}."
+            f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {kind_of(adjoint)}."
         )
     if not isinstance(throw, bool) and not (isinstance(throw, str) and throw == "nan"):
         raise TypeError(f'`throw` must be True, False or "nan", but is {throw!r}.')

@@ -19,6 +19,7 @@ from .mechanics.checks import check_kinds, check_room, check_shapes
 from .mechanics.closures import lift_closures
 from .mechanics.constant_mass import with_known_mass
 from .mechanics.discontinuities import warn_of_discontinuities
+from .mechanics.failed import shown_by_values
 from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
 from .mechanics.switch_rules import check_mode, check_switches, switch_rules, warn_of_switch
@@ -140,7 +141,9 @@ def simulate(
     if throw == "nan":
         trajectory = nan_unless_reached(trajectory, (system, state, t0, t1, ts))
     elif throw:
-        trajectory = raise_unless_successful(trajectory)
+        written = again.args[0]
+        shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
+        trajectory = raise_unless_successful(trajectory, shown)
     trajectory = forward_only(trajectory) if adjoint.forward_mode else trajectory
     known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
     return trajectory.come_from(again.args[0], again) if known else trajectory

@@ -15,7 +15,7 @@ from .export.attributes import must_be_one, with_structure
 from .export.html import preformatted
 from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.trees import as_text
-from .numerics.sample_times import with_room
+from .numerics.sample_times import must_lie_within, with_room
 from .outcome import Steps
 from .status import Status
 
@@ -72,14 +72,15 @@ class Solution(eqx.Module):
         with all times, or `ts=` of `solve`. The number of times is rounded up inside, so that few numbers of them
         compile anew.
 
-        Raises: ValueError for a motion that was loaded, which does not know its system; SimulationError for times that
-        are no numbers or lie outside of [t0, t1], unless the motion was asked for with another `throw`."""
+        Raises: ValueError for a motion that was loaded, which does not know its system, and for times that are no
+        numbers or lie outside of [t0, t1]."""
         if self.again is None:
             raise ValueError(
                 "evaluate() must know the system of its motion, which is not in a file: pass `ts=` to `solve` before "
                 "the motion is saved."
             )
         times = jax.numpy.asarray(ts, dtype=float)
+        must_lie_within(times, *self.again.horizon())
         order = jax.numpy.argsort(times, axis=None)
         found = self.again(with_room(times.ravel()[order])).x
         places = jax.numpy.argsort(order).reshape(times.shape)

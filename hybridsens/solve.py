@@ -135,6 +135,11 @@ class Again(eqx.Module):
     def __call__(self, ts) -> Solution:
         return solve(**self._given(), ts=ts)
 
+    def horizon(self) -> tuple[Array, Array]:
+        """(t0, t1)."""
+        given = self._given()
+        return given["t0"], given["t1"]
+
     def initial_mode(self) -> Any:
         """The mode in which the motion begins."""
         return self._given()["mode"]

@@ -14,11 +14,13 @@ class _Outcome(NamedTuple):
     """An outcome that has no code yet."""
 
     message: str
+    at_start: bool
 
 
-def outcome(message: str) -> Any:
-    """One outcome: an attribute of a class that `numbered` is given."""
-    return _Outcome(message)
+def outcome(message: str, at_start: bool = False) -> Any:
+    """One outcome: an attribute of a class that `numbered` is given. `at_start`: a motion can only end so before it
+    begins."""
+    return _Outcome(message, at_start)
 
 
 class Status(eqx.Module):
@@ -64,9 +66,11 @@ class Status(eqx.Module):
         "mode and parts of the state whose flow is 0; for a time that depends on the rest write a guard."
     )
     queue_full = outcome("more delayed events were waiting at once than the `DelayQueue` has places. Make it larger.")
-    bad_horizon = outcome("the end of the horizon must be later than its start, t1 > t0, and both must be finite.")
-    unsorted_times = outcome("`ts` must be sorted in increasing order and lie within [t0, t1].")
-    bad_tolerance = outcome("`rtol` and `atol` must be positive and finite.")
+    bad_horizon = outcome(
+        "the end of the horizon must be later than its start, t1 > t0, and both must be finite.", at_start=True
+    )
+    unsorted_times = outcome("`ts` must be sorted in increasing order and lie within [t0, t1].", at_start=True)
+    bad_tolerance = outcome("`rtol` and `atol` must be positive and finite.", at_start=True)
 
     @staticmethod
     def names() -> tuple[str, ...]:
@@ -96,6 +100,11 @@ class Status(eqx.Module):
         return str(np.vectorize(Status.messages().__getitem__)(self.code))
 
     @property
+    def at_start(self) -> bool:
+        """Whether the motion could not begin (of one motion whose status can be seen)."""
+        return Status.names()[int(self.code)] in _AT_START
+
+    @property
     def reached_end(self) -> Bool[Array, "*batch"]:
         """Whether the motion is whole; one that grazed a guard is."""
         return (self == Status.successful) | (self == Status.grazing)
@@ -119,6 +128,7 @@ class Status(eqx.Module):
 
 
 _MESSAGES: dict[str, str] = {}
+_AT_START: set[str] = set()
 
 
 def numbered(cls: type) -> type:
@@ -129,6 +139,7 @@ def numbered(cls: type) -> type:
         if isinstance(value, _Outcome):
             status = Status(np.array(len(_MESSAGES), np.int32))
             _MESSAGES[name] = value.message
+            _AT_START.update({name} if value.at_start else ())
             setattr(cls, name, status)
             setattr(Status, name, status)
     return cls

@@ -2,11 +2,15 @@
 
 import inspect
 
+import diffrax
+import jax
+import jax.numpy as jnp
 import pytest
 
 import hybridsens as hs
 from hybridsens.scenes import BouncingBall
-from hybridsens.settings import chosen_settings
+from hybridsens.settings import chosen_settings, given_numbers
+from tests.problems.balls import RestlessBall
 
 STUDIES = (hs.fit, hs.compare, hs.work_precision, hs.check_gradient)
 
@@ -34,3 +38,28 @@ def test_what_is_given_replaces_what_a_study_would_take():
     """Alone: the others stay as they are."""
     own = dict(rtol=1e-12, max_steps=16384)
     assert chosen_settings("fit", dict(rtol=1e-6, max_events=9), own) == dict(rtol=1e-6, max_steps=16384, max_events=9)
+
+
+@pytest.mark.parametrize("kind", ["adjoint", "solver"])
+def test_a_class_in_the_place_of_an_instance_is_told(kind, unchecked):
+    given = {kind: dict(adjoint=hs.Replay, solver=diffrax.Tsit5)[kind]}
+    with pytest.raises(TypeError, match=r"but is the class (Replay|Tsit5) itself: make one of it"):
+        hs.simulate(BouncingBall(), BouncingBall().initial_state(), t1=1.0, **given)
+
+
+def test_a_traced_tolerance_is_raised_to_what_single_precision_can_do():
+    """One that is not positive is refused all the same."""
+    scene, start = RestlessBall(*jnp.float32([9.81, 0.8])), hs.State(jnp.float32([1.0]), jnp.float32([0.0]))
+
+    @jax.jit
+    def tried(rtol):
+        motion = hs.simulate(scene, start, t1=1.0, rtol=rtol, atol=rtol, max_events=4, max_steps=2000, throw=False)
+        return motion.steps.accepted + motion.steps.rejected, motion.status
+
+    assert tried(1e-12)[0] == tried(16 * jnp.finfo(jnp.float32).eps)[0]
+    assert tried(-1.0)[1] == hs.Status.bad_tolerance
+
+
+def test_only_single_precision_is_sent_to_double():
+    with pytest.warns(UserWarning, match="beyond float64 and are raised to it.$"):
+        given_numbers(1e-20, 1e-8, None, 0.0, jnp.float64)

@@ -1,6 +1,7 @@
 """A scene written as energies: its mass matrix and its forces come out of them by automatic differentiation."""
 
 import abc
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +29,10 @@ class LagrangianScene(AbstractScene):
 
     Raises: ValueError when the motion is compiled, if an energy is no scalar or T is not quadratic in v.
     """
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        _warn_of_own_force(cls)
 
     @abc.abstractmethod
     def kinetic_energy(self, q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, ""]:
@@ -72,6 +77,18 @@ class LagrangianScene(AbstractScene):
 
     def _potential(self, q):
         return _scalar(Asked.of(self, "potential_energy(q)"), q)
+
+
+def _warn_of_own_force(cls: type) -> None:
+    """Say where a class writes `force` and not `mass_matrix`, and does not build on the force that follows."""
+    written = getattr(vars(cls).get("force"), "__code__", None)
+    if written is None or "mass_matrix" in vars(cls) or {"super", "LagrangianScene"} & set(written.co_names):
+        return
+    warnings.warn(
+        f"{cls.__name__} defines `force`, which takes the place of all forces that follow from its energies. Is "
+        "`applied_force` meant, which is added to them? To write all forces by hand, write `mass_matrix` too.",
+        stacklevel=6,
+    )
 
 
 def _scalar(asked: Asked, *arguments) -> Float[Array, ""]:

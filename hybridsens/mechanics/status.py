@@ -12,7 +12,9 @@ class ContactStatus(Status):
         "say nothing of either. Write two gaps in place of a `jnp.minimum`, round off the edge of a `jnp.maximum` or "
         "of a table (by `jnp.logaddexp`, or a spline), and let a gap that depends on time move without a jump."
     )
-    penetration = outcome("the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component.")
+    penetration = outcome(
+        "the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component.", at_start=True
+    )
     bad_restitution = outcome("every coefficient of restitution must lie in [0, 1].")
     bad_mass_matrix = outcome(
         "the mass matrix must be symmetric positive definite at the start and at every event, and is not."

@@ -18,7 +18,7 @@ from ..export.dataset import motion_dataset
 from ..export.frames import events_frame, samples_frame
 from ..export.html import paragraph, preformatted, table
 from ..export.trees import as_text
-from ..numerics.sample_times import with_room
+from ..numerics.sample_times import must_lie_within, with_room
 from ..outcome import Steps
 from ..status import Status
 from .event_table import event_rows, event_table, state_text
@@ -99,11 +99,13 @@ class Trajectory(eqx.Module):
         differentiated: pass `ts=` to `simulate` for gradients.
 
         Raises: ValueError for a motion that was loaded, indexed out of a batch or made inside of `jax.jit`, which does
-        not know its scene; SimulationError for times outside of [t0, t1]."""
+        not know its scene, and for times outside of [t0, t1]."""
         times = np.asarray(ts, float)
         order = np.argsort(times, axis=None)
         ordered = jnp.asarray(times.ravel()[order], self.final.q.dtype)
-        found = self._known_origin("evaluate()").again(ts=with_room(ordered))
+        again = self._known_origin("evaluate()").again
+        must_lie_within(ordered, again.keywords["t0"], again.keywords["t1"])
+        found = again(ts=with_room(ordered))
         places = np.argsort(order).reshape(times.shape)
         return State(found.q[places], found.v[places])
 

@@ -1,9 +1,21 @@
-"""How many samples a program is compiled for."""
+"""Times at which a motion is asked for afterwards: which there may be, and how many a program is compiled for."""
 
+import jax.core
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 LEAST = 16
+
+
+def must_lie_within(times, t0, t1) -> None:
+    """Raise ValueError for a time outside of [t0, t1], and for one that is no number; nothing of traced ones."""
+    if any(isinstance(given, jax.core.Tracer) for given in (times, t0, t1)):
+        return
+    outside = np.ravel(~((np.asarray(times) >= t0) & (np.asarray(times) <= t1)))
+    if outside.any():
+        first = np.ravel(times)[outside.argmax()]
+        raise ValueError(f"Times must lie within [t0, t1] = [{t0:.9g}, {t1:.9g}], but {first:.9g} does not.")
 
 
 def with_room(times: Float[Array, "sample"]) -> Float[Array, "room"]:

@@ -39,8 +39,9 @@ class LinkPendulum(ShippedScene):
     def _coupling(self):
         """m_ij l_i l_j."""
         hanging = self._hanging()
-        place = np.arange(self.mass.shape[0])
-        return hanging[np.maximum.outer(place, place)] * jnp.outer(self.length, self.length)
+        # Of two links the lower one's. Read by an index, the derivative would be a scatter in every stage.
+        on_both = jnp.where(np.tri(hanging.shape[0], dtype=bool), hanging[:, None], hanging)
+        return on_both * jnp.outer(self.length, self.length)
 
     def _hanging(self):
         """All the mass that hangs on each link."""

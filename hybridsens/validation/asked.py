@@ -39,13 +39,28 @@ class Asked(NamedTuple):
         """The same of the function with other leaves: traced ones."""
         if not callable(function):
             raise TypeError(f"`{self.name}` must be {self._wanted}, but is {self._where(kind_of(self.function))}.")
+        if self._in_other_order():
+            written = self._where(_written(self._as_written()))
+            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}: arguments go by their places.")
         try:
             return function(*arguments)
         except TypeError as error:
             if _takes(function, arguments):
                 raise
-            written = self._where(_written(self.function if self.owner is None else getattr(self.owner, self.name)))
+            written = self._where(_written(self._as_written()))
             raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}.") from error
+
+    def _as_written(self) -> Any:
+        """The function itself, of a method with its `self`."""
+        return self.function if self.owner is None else getattr(self.owner, self.name)
+
+    def _in_other_order(self) -> bool:
+        """Whether two of its arguments bear each the name of another: they were meant to be given there."""
+        names = self.form.partition("(")[2].rstrip(")").split(", ")
+        given = _parameters(self._as_written())
+        given = given if self.owner is None else given[1:]
+        moved = [name for name, here in zip(given, names, strict=False) if name != here and name in names]
+        return len(moved) > 1
 
     @property
     def _wanted(self) -> str:
@@ -75,6 +90,14 @@ def _takes(function: Callable, arguments) -> bool:
     except TypeError:
         return False
     return True
+
+
+def _parameters(function: Any) -> list[str]:
+    """Names of its parameters; none of a function that does not tell."""
+    try:
+        return list(inspect.signature(function).parameters)
+    except (TypeError, ValueError):
+        return []
 
 
 def _written(function: Any) -> str:

@@ -23,28 +23,33 @@ import numpy as np
 
 _ARRAY = re.compile(r"\bArray(Like)?\b")
 _CONTAINER = re.compile(r"\b([Ll]ist|[Tt]uple|[Dd]ict|Sequence|Iterable|Mapping|PyTree)\b")
+_MAY_BE_NONE = re.compile(r"\b(None|Optional|Any|PyTree)\b")
 _OF_INTEGERS = re.compile(r"\b(U?Int\d*|Integer|Bool|Key|PRNGKeyArray|Shaped)\b")
 
 
 def numbers_to_arrays(module: Any) -> None:
     """Put real arrays in the place of numbers in fields that are declared as arrays; called while `module` is made.
 
-    Raises: TypeError for a list that is none of numbers."""
+    Raises: TypeError for a list that is none of numbers, for text, and for nothing at all."""
     for field in dataclasses.fields(module):
         value, declared = getattr(module, field.name, None), str(field.type)
         number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
         listed = isinstance(value, list | tuple) and not _CONTAINER.search(declared)
-        if (number or listed) and _ARRAY.search(declared) and not _OF_INTEGERS.search(declared):
+        missing = isinstance(value, str) or (value is None and not _MAY_BE_NONE.search(declared))
+        if (number or listed or missing) and _ARRAY.search(declared) and not _OF_INTEGERS.search(declared):
             object.__setattr__(module, field.name, _as_array(module, field.name, value))  # Equinox freezes what is made
 
 
 def _as_array(module: Any, name: str, value: Any) -> jax.Array:
+    refusal = TypeError(
+        f"`{name}` of {type(module).__name__} is declared as an array and must hold real numbers, but is {value!r}."
+    )
+    if value is None or isinstance(value, str):  # NumPy would make numbers of them
+        raise refusal
     try:
         return jnp.array(value, float)
     except (TypeError, ValueError) as error:
-        raise TypeError(
-            f"`{name}` of {type(module).__name__} is declared as an array and must hold real numbers, but is {value!r}."
-        ) from error
+        raise refusal from error
 
 
 def told_of_constants(module: Any) -> Any:

@@ -25,6 +25,8 @@ def outcome(asked: Asked, *arguments) -> Any:
         ) from error
     except Exception as error:
         error.add_note(f"Raised by `{asked.name}` of the system.")
+        if asked.form.endswith(", mode)") and arguments[-1] is None:
+            error.add_note("Its `mode` is None: give the initial mode as the third argument of `solve`.")
         raise
 
 

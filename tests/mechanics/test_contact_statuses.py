@@ -4,6 +4,8 @@ import importlib
 import re
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import pytest
 
 import hybridsens as hs
@@ -21,3 +23,46 @@ def test_statuses_are_of_one_kind_and_mechanics_adds_its_own():
     assert "capture_speed" in hs.Status.max_events_reached.message
     with pytest.raises(TypeError, match="must be compared with a status"):
         hs.Status.successful == 0  # noqa: B015
+
+
+class Between(hs.AbstractScene):
+    """A ball between a floor and a roof."""
+
+    contacts = ("floor", "roof")
+    e: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -9.81 * jnp.ones(1)
+
+    def gap(self, t, q):
+        return jnp.stack([q[0], 2.0 - q[0]])
+
+    def restitution(self):
+        return jnp.stack([self.e, 2 * self.e])
+
+
+SHOWN = [
+    (0.4, 2.1, {}, "^The motion could not begin: .* The gap of contact roof is -0.1.$"),
+    (0.8, 1.0, {}, "The restitution of contact roof is 1.6.$"),
+    (0.4, 1.0, dict(t1=-1.0), "^The motion could not begin: .* Here t0 is 0 and t1 is -1.$"),
+    (0.4, 1.0, dict(ts=[0.5, 0.3]), r"^The motion could not begin: .* Here ts\[1\] is 0.3, t0 is 0 and t1 is 2.$"),
+    (0.4, 1.0, dict(max_events=1), "did not reach its end: .* The last events: t = 0.4515.*, impact of floor.$"),
+]
+
+
+@pytest.mark.parametrize(("e", "height", "given", "message"), SHOWN)
+def test_the_values_that_a_motion_failed_by_are_shown(e, height, given, message):
+    """Which contact, which time, and how far off; where values cannot be seen, the sentence alone."""
+    given = dict(t1=2.0, max_events=8) | given
+    ts = jnp.array(given.pop("ts")) if "ts" in given else None
+    run = lambda e: hs.simulate(Between(e), hs.State([height], [0.0]), ts=ts, **given).final.q[0]
+    with pytest.raises(hs.SimulationError, match=message):
+        run(jnp.array(e))
+    if not given["max_events"] == 1:
+        return
+    with pytest.raises(hs.SimulationError) as caught:
+        jax.grad(run)(jnp.array(e))
+    assert "last events" not in str(caught.value)

@@ -1,5 +1,7 @@
 """A scene of energies is the scene that one would have written by hand, at an instant and over a whole motion."""
 
+import warnings
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -95,3 +97,28 @@ def test_what_is_no_kinetic_energy_is_refused(scene, message):
     """A relativistic mass has no mass matrix M(q), and an energy is one number."""
     with pytest.raises(ValueError, match=message):
         hs.simulate(scene(jnp.array(1.0), jnp.array(0.0)), hs.State([0.0], [0.0]), t1=1.0)
+
+
+class Lifted(hs.LagrangianScene):
+    """A mass that falls."""
+
+    def kinetic_energy(self, q, v):
+        return v @ v / 2
+
+    def gap(self, t, q):
+        return q
+
+    def restitution(self):
+        return jnp.ones(1)
+
+
+def test_a_force_that_takes_the_place_of_all_others_is_told():
+    """Unless it builds on them, or the mass matrix is written by hand too."""
+    define = lambda **methods: type("Written", (Lifted,), methods)
+    push = lambda self, t, q, v: jnp.ones(1)
+    with pytest.warns(UserWarning, match="Written defines `force`, which takes the place .* Is `applied_force` meant"):
+        define(force=push)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        define(force=push, mass_matrix=lambda self, q: jnp.eye(1))
+        define(force=lambda self, t, q, v: 1 + hs.LagrangianScene.force(self, t, q, v))

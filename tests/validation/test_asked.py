@@ -185,3 +185,58 @@ def test_an_error_of_the_users_own_goes_on():
 
     with pytest.raises(TypeError, match="object of type 'int' has no len"):
         moved(Ball, force=force)
+
+
+class TurnedBall(Ball):
+    def force(self, q, v, t):
+        return -self.weight[None]
+
+
+class TurnedSwitch(hs.AbstractHybridSystem):
+    rate: jax.Array
+
+    def flow(self, t, mode, x):
+        return -self.rate * x
+
+    def guards(self, t, x, mode):
+        return x[None] - 0.5
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+START = hs.State([1.0], [0.0])
+TURNED = [
+    (lambda: hs.simulate(TurnedBall(9.81), START, t1=1.0), r"force\(self, t, q, v\)`, but is `force\(self, q, v, t\)`"),
+    (
+        lambda: hs.simulate(Ball(9.81), START, t1=1.0, running_cost=lambda scene, q, v, t: q[0]),
+        r"of \(scene, t, q, v\), but is `<lambda>\(scene, q, v, t\)`",
+    ),
+    (lambda: hs.solve(TurnedSwitch(1.0), 1.0, 0, t1=1.0), r"flow\(self, t, x, mode\)`, but is `flow\(self, t, mode, x"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), TURNED, ids=["method", "running cost", "system"])
+def test_arguments_in_another_order_are_refused(call, message):
+    """They would be given by their places: q as t."""
+    with pytest.raises(TypeError, match=message + ".*by their places"):
+        call()
+
+
+def test_other_names_in_the_same_places_are_not():
+    class Short(Ball):
+        def force(self, time, q, qd):
+            return -self.weight[None]
+
+    assert hs.simulate(Short(9.81), START, t1=0.2, running_cost=lambda s, time, q, v: q[0]).status.reached_end
+
+
+class Switch(TurnedSwitch):
+    def flow(self, t, x, mode):
+        return jnp.where(mode, -self.rate, self.rate) * x
+
+
+def test_a_mode_that_was_left_out_is_named():
+    with pytest.raises(TypeError) as caught:
+        hs.solve(Switch(1.0), 1.0, t1=1.0)
+    assert any("give the initial mode as the third argument" in note for note in caught.value.__notes__)

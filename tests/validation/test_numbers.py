@@ -166,3 +166,14 @@ def test_a_list_of_numbers_is_a_parameter_where_an_array_is_declared(unchecked):
     assert ball.weight.shape == ball.e.shape == (1,) and ball.kept == [1.0]
     with pytest.raises(TypeError, match="`weight` of Listed is declared as an array and must hold real numb"):
         Listed(["heavy"], 0.8, [])
+
+
+@pytest.mark.parametrize("value", [None, "1.0"])
+def test_text_and_nothing_at_all_are_no_parameters(value):
+    class Weighed(Falling):
+        weight: Array
+        other: Array | None = None
+
+    with pytest.raises(TypeError, match="`weight` of Weighed is declared as an array and must hold real numbers"):
+        Weighed(value)
+    assert Weighed(1.0).other is None
