@@ -130,11 +130,13 @@ def _through_start(backward: BackwardPass, motion: Motion, initial, carried: Car
     system, by x0 and by t0."""
     (t0, x0), (mode, _, _), system = initial, segment(motion, 0), backward.system
     total, psi, of_t0 = *carried, jnp.zeros_like(t0)
+    begin = lambda system, t, x: system.project(t, x, mode)
+    begun, of_begin = eqx.filter_vjp(begin, system, t0, x0) if system.projects(mode) else (x0, None)
     if by_t0:
-        of_t0 = jnp.where(motion.t > t0, -psi @ system.flow(t0, motion.steps.x[0], mode), 0)  # 0 if it never began
-    if system.projects(mode):
-        begin = lambda system, t, x: system.project(t, x, mode)
-        by_projection, by_t, psi = eqx.filter_vjp(begin, system, t0, x0)[1](psi)
+        # From the state at the beginning: the first one recorded is that after an event at t0.
+        of_t0 = jnp.where(motion.t > t0, -psi @ system.flow(t0, begun, mode), 0)  # 0 if it never began
+    if of_begin is not None:
+        by_projection, by_t, psi = of_begin(psi)
         total, of_t0 = jax.tree.map(jnp.add, total, by_projection), of_t0 + by_t
     return total, psi, of_t0
 

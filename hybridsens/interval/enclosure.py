@@ -8,7 +8,17 @@ from jax import lax
 
 from . import jet as J
 from .jet import Jet, Truth
-from .primitives import BINARY, LINEAR_SHAPES, LOGIC, PICKS, UNARY, dot_general, select
+from .primitives import (
+    BINARY,
+    COMPARISONS,
+    LINEAR_SHAPES,
+    LOGIC,
+    PICKS,
+    UNARY,
+    dot_general,
+    select,
+    select_condition,
+)
 
 CALLS = {"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint", "remat2"}
 """Primitives that hold a program of their own."""
@@ -56,26 +66,29 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
 
 def _picked(which, cases) -> Any:
     """The result of the branch that a constant picks: an array where no branch moves, else a jet or a condition."""
-    if any(isinstance(case, Truth) for case in cases):
-        truths = [case if isinstance(case, Truth) else Truth(case, case) for case in cases]
-        return Truth(*(lax.select_n(which, *parts) for parts in zip(*truths, strict=True)))
-    if any(isinstance(case, Jet) for case in cases):
-        return select(which, [_jet(case) for case in cases])
-    return lax.select_n(which, *cases)
+    return _selected(which, cases) if any(isinstance(x, Jet | Truth) for x in cases) else lax.select_n(which, *cases)
+
+
+def _selected(which, cases) -> Jet | Truth | None:
+    """`lax.select_n` of numbers or of conditions; None where it goes by a number that moves."""
+    if isinstance(which, Jet):
+        return None
+    if any(_is_condition(case) for case in cases):
+        return select_condition(which, [_truth(case) for case in cases])
+    return select(which, [_jet(case) for case in cases])
 
 
 def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth | None:
     if name in LOGIC:
-        return LOGIC[name](*(x if isinstance(x, Truth) else Truth(x, x) for x in operands))
+        return LOGIC[name](*map(_truth, operands))
     if name == "select_n":
-        return select(operands[0], [_jet(x) for x in operands[1:]])
+        return _selected(operands[0], operands[1:])
     if name == "convert_element_type":
         return _converted(operands[0], params["new_dtype"])
     if name in PICKS:
-        places_move = any(isinstance(x, Jet | Truth) for x in operands[1:])
-        return None if places_move else J.linear(lambda x: bind(x, *operands[1:]), operands[0])
-    if isinstance(operands[0], Truth):
-        return Truth(*(bind(x) for x in operands[0])) if name in LINEAR_SHAPES else None
+        return _pick(operands, bind)
+    if any(isinstance(x, Truth) for x in operands):
+        return _of_conditions(name, operands, bind)
     if name == "integer_pow":
         return J.integer_power(operands[0], params["y"])
     if name == "clamp":
@@ -90,6 +103,33 @@ def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth
     if name in LINEAR_SHAPES:
         return _moved([_jet(x) for x in operands], bind)
     return None
+
+
+def _pick(operands, bind) -> Jet | Truth | None:
+    """Entries of the first operand; None where their places move."""
+    picked, *places = operands
+    if any(isinstance(x, Jet | Truth) for x in places):
+        return None
+    pick = lambda x: bind(x, *places)
+    return Truth(*map(pick, picked)) if isinstance(picked, Truth) else J.linear(pick, picked)
+
+
+def _of_conditions(name: str, operands, bind) -> Truth | None:
+    """What moves conditions, several of them to one place too (`jnp.stack`), or compares them."""
+    if not all(_is_condition(x) for x in operands):
+        return None
+    truths = [_truth(x) for x in operands]
+    if name in LINEAR_SHAPES:
+        return Truth(*(bind(*parts) for parts in zip(*truths, strict=True)))
+    return COMPARISONS[name](*truths) if name in COMPARISONS else None
+
+
+def _is_condition(x) -> bool:
+    return isinstance(x, Truth) or (not isinstance(x, Jet) and jnp.issubdtype(jnp.result_type(x), jnp.bool_))
+
+
+def _truth(x) -> Truth:
+    return x if isinstance(x, Truth) else Truth(jnp.asarray(x), jnp.asarray(x))
 
 
 def _spread(outcome: Jet | Truth, shape):
@@ -110,12 +150,12 @@ def _same_or_jet(operands) -> Jet:
 def _converted(x, dtype):
     if jnp.issubdtype(dtype, jnp.bool_):
         return x if isinstance(x, Truth) else None
+    if not jnp.issubdtype(dtype, jnp.floating):
+        return None
     if isinstance(x, Truth):
         low, high = (y.astype(dtype) for y in x)
         rate = J.point(jnp.where(low == high, 0.0, jnp.nan).astype(dtype))
         return Jet(J.Interval(low, high), rate, rate)
-    if not jnp.issubdtype(dtype, jnp.floating):
-        return None
     return J.linear(lambda y: y.astype(dtype), x)
 
 

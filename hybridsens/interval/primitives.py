@@ -77,6 +77,18 @@ LOGIC = {
 }
 
 
+COMPARISONS = {
+    "eq": lambda a, b: Truth((a.sure & b.sure) | ~(a.possible | b.possible), ~_differ(a, b)),
+    "ne": lambda a, b: Truth(_differ(a, b), (a.possible | b.possible) & ~(a.sure & b.sure)),
+}
+"""Of two conditions."""
+
+
+def _differ(a: Truth, b: Truth):
+    """Where one surely holds and the other surely does not."""
+    return (a.sure & ~b.possible) | (b.sure & ~a.possible)
+
+
 def dot_general(a: Jet, b: Jet, params) -> Jet:
     """A sum of products, by middles and radii: entries of the second are met by none of the first's signs."""
     contract = lambda x, y: lax.dot_general(
@@ -121,3 +133,12 @@ def select(which, cases: list[Jet]) -> Jet:
         nothing = all(part is None for part in all_parts)
         parts.append(None if nothing else Interval(pick(*(p.low for p in filled)), pick(*(p.high for p in filled))))
     return Jet(*parts)
+
+
+def select_condition(which, cases: list[Truth]) -> Truth:
+    """The same of conditions."""
+    if not isinstance(which, Truth):
+        return Truth(*(lax.select_n(which, *parts) for parts in zip(*cases, strict=True)))
+    a, b = cases
+    sure = (which.sure & b.sure) | (~which.possible & a.sure) | (a.sure & b.sure)
+    return Truth(sure, (which.possible & b.possible) | (~which.sure & a.possible))

@@ -1,7 +1,8 @@
-"""A release inside a step.
+"""What held contacts meet inside a step.
 
 Where everything that moves is held, the flow is trivial and no error limits the steps. A load that depends on time may
-then let a contact go, and press it again, between the ends of a step: its multiplier is looked at inside of it too.
+then let a contact go, and press it again, between the ends of a step: its multiplier is looked at inside of it too. And
+a gap may have a hill between the stages of a step, which the motion would pass through: its way is looked at as well.
 """
 
 from itertools import pairwise
@@ -15,12 +16,19 @@ from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
 from ..numerics.cubic import hides_a_dip
 from ..search.path import Path
+from ..search.stretches import search_gaps
+from .contact import contact_jacobian
 from .flow import multipliers_and_rates
 from .mode import ContactMode
 from .scene import AbstractScene
 
 PLACES = (0.29, 0.62)
 """Where inside a step multipliers are looked at: at uneven fractions, so that no period fits them all."""
+
+
+SLACK = 1e-2
+"""By what part of its own length, seen along the gap's gradient, the cubic of a resolved step may leave a contact that
+is held along a curve."""
 
 
 def load_varies(scene: AbstractScene, t, q, v) -> bool:
@@ -53,3 +61,25 @@ def search_held(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
 
     nothing = Searched(jnp.full_like(path.t0, jnp.inf), jnp.ones_like(path.t0))
     return lax.cond(wanted & jnp.any(mode.active), look, lambda: nothing)
+
+
+def search_way(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMode, depth, wanted) -> Searched:
+    """Whether the way through a step leaves a held contact by more than `depth`: then its stages have not seen what the
+    gap does between them, and the step is halved."""
+    held = jnp.concatenate([mode.active, mode.active])
+
+    def off(t, q):
+        beside = scene.gap(t, q) - mode.held_gap
+        return jnp.concatenate([beside, -beside])
+
+    def look():
+        way = jnp.abs(path.coefficients[1]) + jnp.abs(sum(path.coefficients[1:]))
+        slack = depth + SLACK * jnp.abs(contact_jacobian(scene, path.t0, path.coefficients[0])) @ way
+        nothing = jnp.zeros(held.shape, path.t0.dtype)  # at its ends the motion is on its contacts
+        ends = step._replace(guard0=nothing, rate0=nothing, guard1=nothing, rate1=nothing)
+        found = search_gaps(off, path, ends, jnp.concatenate([slack, slack]), held, jnp.array(True))
+        leaves = jnp.isfinite(found.crossing) | (found.reached < 1)
+        return stays._replace(reached=jnp.where(leaves, 0.5, stays.reached))
+
+    stays = Searched(jnp.full_like(path.t0, jnp.inf), jnp.ones_like(path.t0))
+    return lax.cond(wanted & jnp.any(mode.active), look, lambda: stays)

@@ -22,7 +22,7 @@ from .corners import is_not_smooth
 from .decisions import ImpactDetail, Limits, decide_transition
 from .few import Among, among_one
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
-from .held import load_varies, search_held
+from .held import load_varies, search_held, search_way
 from .laws import transition_impulse
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene
@@ -118,8 +118,8 @@ class MechanicalSystem(AbstractFlatSystem):
         return self.scene.sustained_contact and load_varies(self.scene, t, q, v)
 
     def search(self, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
-        """The gaps of open contacts, along the cubic through the ends of the step and within what it may be off, and
-        the multipliers of held ones."""
+        """The gaps of open contacts, along the cubic through the ends of the step and within what it may be off; the
+        way along held ones, and their multipliers."""
         q0, v0, _ = self.split(step.x0)
         q1, v1, _ = self.split(step.x1)
         path = Path.through(step.t0, step.t1, q0, v0, q1, v1)
@@ -128,6 +128,8 @@ class MechanicalSystem(AbstractFlatSystem):
         found = []
         if self._has_curved_gaps(step.t0, step.x0):
             found.append(search_gaps(self.scene.gap, path, step, tolerance + doubt, ~mode.held, wanted))
+            if self.scene.sustained_contact:
+                found.append(search_way(self.scene, path, step, mode, self._resolved(mode), wanted))
         if self._load_varies(step.t0, step.x0):
             found.append(search_held(self.scene, path, step, mode, tolerance, wanted))
         return Searched.first_of(found)
@@ -138,8 +140,11 @@ class MechanicalSystem(AbstractFlatSystem):
 
     def grazing_depth(self, mode: ContactMode):
         """What the tolerances leave of the gap of an open contact."""
+        return jnp.where(mode.held, -1, self._resolved(mode))
+
+    def _resolved(self, mode: ContactMode):
         relative, absolute = map(number, self.depth)
-        return jnp.where(mode.held, -1, relative * mode.length + absolute)
+        return relative * mode.length + absolute
 
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
         """Impact, capture or release, and who is held after it; see `decide_transition`."""

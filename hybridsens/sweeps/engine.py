@@ -77,6 +77,8 @@ class Engine:
 
     def _halve(self, error, batch):
         if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" not in str(error):
+            if "did not reach its end" in str(error) or "could not begin" in str(error):
+                error.add_note("A point of a sweep may fail by itself: write simulate(..., throw=False) in the cost.")
             raise error
         if batch <= self.mesh.size:
             raise MemoryError(

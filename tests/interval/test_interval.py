@@ -14,6 +14,7 @@ from hybridsens.interval.kind import Kind, kinds
 
 SAMPLES = 41
 WHICH = jnp.array([1])
+WEIGHTS = np.array([1.0, 2.0, 4.0])
 MATRIX = np.array([[1.0, -2.0], [0.5, 3.0]])
 FUNCTIONS = {
     "polynomial": lambda x, y: x**3 - 2 * x * x * y + y**2 - 1.5,
@@ -31,6 +32,10 @@ FUNCTIONS = {
     "hyperbolic": lambda x, y: jnp.sinh(x) - jnp.cosh(y),
     "kinks": lambda x, y: jnp.abs(x) + jnp.maximum(x, y) - jnp.minimum(2 * x, 1.0) + jnp.clip(y, -0.5, 0.5),
     "cases": lambda x, y: jnp.where(x > y, x - y, jnp.where((x < 0) & ~(y <= 0), 1.0, x * y)),
+    "stacked cases": lambda x, y: WEIGHTS @ jnp.where(jnp.stack([x > 0.3, y < x, False]), jnp.stack([x, y, y]), 2 * x),
+    "picked cases": lambda x, y: jnp.where(jnp.concatenate([x[None] > y, y[None] > 0.2])[::-1][WHICH[0]], x, x * y),
+    "cases of cases": lambda x, y: jnp.where(jnp.where(x > y, x > 0.2, y > 0.1) == (y > 0.3), x, x * y),
+    "cases by constants": lambda x, y: jnp.where(jnp.where(MATRIX[0] > 0, x > y, y > 0), x, y) @ MATRIX[1],
     "branches": lambda x, y: jax.lax.switch(WHICH[0], [lambda: x + y, lambda: jnp.where(x > y, 1.0, x * y)]),
     "jumps": lambda x, y: jnp.sign(x) + jnp.floor(3 * y) + (x >= 0.5) * y,
     "integers": lambda x, y: x - jnp.where(x > y, 0, 1),
@@ -141,3 +146,19 @@ def test_kinds_are_told_entry_by_entry():
     trace = jax.make_jaxpr(gap)(0.0, jnp.zeros(2))
     found = kinds(trace, [np.full(x.shape, Kind.AFFINE) for x in trace.in_avals])
     assert found.tolist() == [Kind.CONSTANT, Kind.AFFINE, Kind.CURVED, Kind.UNKNOWN, Kind.CURVED, Kind.AFFINE]
+
+
+@pytest.mark.parametrize(
+    "choose",
+    [
+        lambda x, y: jnp.select([x < -0.5, x < 0.5], [y, 0 * x], x),
+        lambda x, y: jnp.piecewise(x, [x < 0], [jnp.sin, y]),
+        lambda x, y: x * (1 + (y > x)),
+    ],
+    ids=["select", "piecewise", "count"],
+)
+def test_what_goes_by_a_number_that_moves_is_unknown(choose):
+    """In bounds and in kinds alike, so that it is sampled."""
+    trace = jax.make_jaxpr(choose)(0.0, 0.0)
+    jet = enclose(trace, jets([0.3, 0.4, -0.2, 0.1, -0.7, 0.5, 0.3, -0.6], 0.2, 0.1))
+    assert np.isnan(jet.value.low) and kinds(trace, [np.array(Kind.AFFINE)] * 2) == Kind.UNKNOWN

@@ -89,3 +89,58 @@ def test_only_a_load_that_bends_in_time_is_looked_at():
     at = jnp.array(0.3), jnp.zeros(1), jnp.zeros(1)
     assert load_varies(Loaded(*parts), *at)
     assert not any(load_varies(kind(*parts), *at) for kind in (Constant, Growing, OfTheState))
+
+
+class Hilly(hs.AbstractScene):
+    """A body that slides along a floor with a hill on it, far from where it begins."""
+
+    width: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(2)
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -9.81])
+
+    def gap(self, t, q):
+        return (q[1] - jnp.exp(-(((q[0] - 20.0) / self.width) ** 2)))[None]
+
+    def restitution(self):
+        return jnp.array([0.5])
+
+
+@pytest.mark.parametrize("width", [1.0, 0.1])
+def test_a_hill_that_a_held_contact_comes_to_is_seen(width):
+    """It has not the energy to cross it. Where it slid on the flat no error limits the steps."""
+    slide = lambda **given: hs.simulate(Hilly(jnp.array(width)), hs.State([0.0, 0.0], [3.0, 0.0]), t1=10.0, **given)
+    found, fine = slide(), slide(max_step=0.01)
+    np.testing.assert_allclose(found.final.v, [-3.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(found.final.q, fine.final.q, atol=1e-6)
+    assert found.steps.accepted < 300
+
+
+class Bumped(hs.AbstractScene):
+    """A body that rests on a table, which is lifted for a moment."""
+
+    width: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return jnp.array([-9.81])
+
+    def gap(self, t, q):
+        return q - 0.05 * jnp.exp(-(((t - 3.3) / self.width) ** 2))
+
+    def restitution(self):
+        return jnp.array([0.5])
+
+
+@pytest.mark.parametrize("width", [0.1, 0.03])
+def test_a_table_that_bumps_for_a_moment_throws_what_rests_on_it(width):
+    rest = hs.State([0.0], [0.0])
+    throw = lambda **given: hs.simulate(Bumped(jnp.array(width)), rest, t1=3.6, **given).events
+    found, fine = throw(), throw(max_step=0.01)
+    assert found.count == fine.count > 0
+    np.testing.assert_allclose(found.time[: found.count], fine.time[: fine.count], atol=1e-6)
