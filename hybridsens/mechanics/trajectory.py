@@ -62,9 +62,9 @@ class Origin(NamedTuple):
     """Where a motion came from."""
 
     scene: Any
-    """The scene that moved."""
-    again: functools.partial
-    """The same simulation for other `ts`."""
+    """The scene that moved, or the `Names` that a file has of it."""
+    again: functools.partial | None
+    """The same simulation for other `ts`; None for a motion from a file."""
 
 
 class Trajectory(eqx.Module):
@@ -103,7 +103,7 @@ class Trajectory(eqx.Module):
         times = np.asarray(ts, float)
         order = np.argsort(times, axis=None)
         ordered = jnp.asarray(times.ravel()[order], self.final.q.dtype)
-        found = self._known_origin("evaluate()").again(ts=with_room(ordered))
+        found = self._known_again("evaluate()")(ts=with_room(ordered))
         places = np.argsort(order).reshape(times.shape)
         return State(found.q[places], found.v[places])
 
@@ -112,7 +112,7 @@ class Trajectory(eqx.Module):
 
         `cost` is a scalar function of a trajectory. A sample at the end, where nothing follows, is nan.
         Raises: ValueError as `evaluate`, and without samples."""
-        again = self._known_origin("the costate").again
+        again = self._known_again("the costate")
         assert self.ts is not None and self.q is not None and self.v is not None
         t1 = again.keywords["t1"]
 
@@ -148,7 +148,7 @@ class Trajectory(eqx.Module):
         trees = dict(cost=self.cost, scene_mode=self.scene_mode, event_mode=self.events.mode)
         with_structure(self.to_xarray(), **trees).to_netcdf(path, engine="netcdf4")
 
-    def come_from(self, scene: Any, again: functools.partial) -> "Trajectory":
+    def come_from(self, scene: Any, again: functools.partial | None) -> "Trajectory":
         """This motion, which now knows what it came from.
 
         That is no field: it would ride along as an output of every compiled program, and be copied for every motion of
@@ -162,15 +162,15 @@ class Trajectory(eqx.Module):
         origin = getattr(self, "_origin", None)
         return None if origin is None else origin.scene
 
-    def _known_origin(self, wanted_by: str) -> Origin:
+    def _known_again(self, wanted_by: str) -> functools.partial:
         must_be_one(self.events.count, wanted_by)
-        origin = getattr(self, "_origin", None)
-        if origin is None:
+        again = getattr(getattr(self, "_origin", None), "again", None)
+        if again is None:
             raise ValueError(
                 f"{wanted_by} must know the scene of its motion, which is lost where a motion is loaded, taken out of "
                 "a batch or returned by jax.jit. Pass `ts=` to `simulate` instead."
             )
-        return origin
+        return again
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""

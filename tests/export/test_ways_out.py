@@ -86,6 +86,27 @@ def test_a_file_gives_the_motion_back(motion, sampled, tmp_path):
     assert loaded.events.time.shape == (8,) and bool(jnp.all(jnp.isinf(loaded.events.time[n:])))
 
 
+def test_a_motion_from_a_file_has_its_names(motion, tmp_path):
+    """Its print, its tables and its data set are those of the motion that was saved."""
+    motion.save(tmp_path / "motion.nc")
+    loaded = hs.load(tmp_path / "motion.nc")
+    assert str(loaded) == str(motion)
+    assert loaded.to_pandas().equals(motion.to_pandas())
+    assert loaded.events.to_pandas().equals(motion.events.to_pandas())
+    assert loaded.to_xarray().identical(motion.to_xarray())
+    with pytest.raises(ValueError, match="must know the scene of its motion, which is lost where a motion is loaded"):
+        loaded.evaluate(0.5)
+
+
+def test_a_motion_from_a_file_has_no_names_that_it_did_not_have(motion, tmp_path):
+    """One that does not know its scene has numbers, before and after."""
+    nameless = jax.tree.map(lambda leaf: leaf, motion)
+    nameless.save(tmp_path / "motion.nc")
+    loaded = hs.load(tmp_path / "motion.nc")
+    assert list(loaded.to_pandas().columns) == ["q[0]", "q[1]", "v[0]", "v[1]"]
+    assert str(loaded) == str(nameless)
+
+
 def test_a_file_of_another_origin_is_refused(motion, tmp_path):
     """Only `save` writes what `load` reads."""
     motion.to_xarray().to_netcdf(tmp_path / "other.nc")
