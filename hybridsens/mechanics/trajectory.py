@@ -17,6 +17,7 @@ from ..export.attributes import must_be_one, with_structure
 from ..export.dataset import motion_dataset
 from ..export.frames import events_frame, samples_frame
 from ..export.html import paragraph, preformatted, table
+from ..export.netcdf import write_netcdf
 from ..export.trees import as_text
 from ..numerics.sample_times import with_room
 from ..outcome import Steps
@@ -141,12 +142,12 @@ class Trajectory(eqx.Module):
         return samples_frame(self, self._scene)
 
     def save(self, path: str | Path) -> None:
-        """Write all of the motion to a netCDF file, from which `hybridsens.load` makes the same trajectory.
+        """Write all of the motion to a netCDF file (.nc), from which `hybridsens.load` makes the same trajectory.
 
-        Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a cost or a mode that
-        is made of more than dict, list, tuple and arrays."""
+        Raises: ImportError without xarray and netCDF4; ValueError for a batch or another ending; TypeError for a cost
+        or a mode that is made of more than dict, list, tuple and arrays."""
         trees = dict(cost=self.cost, scene_mode=self.scene_mode, event_mode=self.events.mode)
-        with_structure(self.to_xarray(), **trees).to_netcdf(path, engine="netcdf4")
+        write_netcdf(with_structure(self.to_xarray(), **trees), path)
 
     def come_from(self, scene: Any, again: functools.partial | None) -> "Trajectory":
         """This motion, which now knows what it came from.

@@ -107,6 +107,14 @@ def test_a_motion_from_a_file_has_no_names_that_it_did_not_have(motion, tmp_path
     assert str(loaded) == str(nameless)
 
 
+def test_a_file_of_another_kind_is_not_written(motion, tmp_path):
+    """A table, say; a name without an ending is that of a netCDF file."""
+    with pytest.raises(ValueError, match=r"must end in .nc, .* but is a.csv: .*to_pandas\(\)\.to_csv"):
+        motion.save(tmp_path / "a.csv")
+    motion.save(tmp_path / "a")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
 def test_a_file_of_another_origin_is_refused(motion, tmp_path):
     """Only `save` writes what `load` reads."""
     motion.to_xarray().to_netcdf(tmp_path / "other.nc")

@@ -78,6 +78,14 @@ def test_a_file_gives_the_motion_back(motion, sampled, tmp_path):
         loaded.evaluate(1.0)
 
 
+def test_a_file_of_another_kind_is_not_written(motion, tmp_path):
+    """A table, say; a name without an ending is that of a netCDF file."""
+    with pytest.raises(ValueError, match=r"must end in .nc, .* but is a.csv: .*to_pandas\(\)\.to_csv"):
+        motion.save(tmp_path / "a.csv")
+    motion.save(tmp_path / "a")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
 def test_what_a_file_cannot_hold_is_named(motion, tmp_path):
     """A mode of one's own type; and batches."""
     queue = eqx.tree_at(lambda m: m.mode, motion, {"queue": hs.DelayQueue.empty(2)})
