@@ -36,6 +36,14 @@ def _rate(name: str) -> str:
     return f"{found[1]} rate [{unit}]"
 
 
+def unit_of_contact(scene: Any, unit: str) -> str:
+    """What stands behind the name of a contact's number: " [m/s]", or "" where the scene's `coordinates` tell that it
+    counts in other units, so that those of its gaps are not known."""
+    given = getattr(scene, "coordinates", None) or ()
+    units = {found[1] for found in (re.search(r"\[(.*)\]$", str(name)) for name in given) if found}
+    return f" [{unit}]" if units <= {"m", "rad", "1", ""} else ""
+
+
 def names_of(dataset: Any) -> Names:
     """The names in a dataset of a motion; those that stand for no name are none."""
     coordinates, contacts = ([str(name) for name in dataset[axis].values] for axis in ("coordinate", "contact"))

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
+from hybridsens.export.dataset import motion_dataset
+from hybridsens.export.frames import events_frame
 from hybridsens.export.html import table
 from hybridsens.export.libraries import optional
+from hybridsens.export.names import Names
 from hybridsens.scenes import StackedBalls
 
 TS = jnp.linspace(0, 1, 9)
@@ -45,6 +48,20 @@ def test_samples_and_events_are_tables(motion):
     assert set(events["kind"]) == {"impact"}
     assert events["contact"].tolist() == [NamedBalls.contacts[i] for i in contact]
     assert "low rate [m/s] before" in events.columns
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "known"), [(None, True), (("x [m]", "angle [rad]"), True), (("x [m]", "lift [mm]"), False)]
+)
+def test_numbers_of_a_contact_have_units_where_these_are_known(motion, coordinates, known):
+    """A scene that counts in millimetres has gaps of which nothing tells the unit."""
+    scene = Names(coordinates, None)
+    columns = set(events_frame(motion.events, scene).columns)
+    assert ({"closing speed [m/s]", "impulse [N s]"} <= columns, {"closing speed", "impulse"} <= columns) == (
+        known, not known,
+    )  # fmt: skip
+    dataset = motion_dataset(motion, scene)
+    assert ["units" in dataset[name].attrs for name in ("impulse", "closing_speed")] == [known, known]
 
 
 def test_a_print_has_the_names_of_contacts_and_the_numbers_of_parameters(motion):
