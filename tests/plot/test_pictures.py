@@ -52,6 +52,8 @@ def test_the_costate_of_a_bounce_has_its_closed_form(motion):
     np.testing.assert_allclose(found.q[:-1, 0], dq, rtol=1e-9)
     np.testing.assert_allclose(found.v[:-1, 0], dv, rtol=1e-9)
     assert np.isnan(found.q[-1, 0])
+    panels = hs.plot_costate(NamedBall(), motion, lambda following: following.final.q[0]).axes
+    assert [panel.get_ylabel() for panel in panels] == ["dJ/dq", "dJ/dv"]
 
 
 def test_the_force_of_a_held_contact_is_the_weight(motion, resting):
