@@ -75,7 +75,8 @@ def _spoil_jvp(primals, tangents):
 
 
 def _message(code) -> str:
-    return f"The motion did not reach its end: {_status(code).message}"
+    status = _status(code)
+    return f"The motion did not reach its end ({Status.names()[int(code)]}): {status.message}"
 
 
 def _status(code) -> Any:

@@ -120,7 +120,7 @@ class Solution(eqx.Module):
         return "\n".join([*self._head(), *_table(self.events), f"final: {as_text(self.final)}"])
 
     def _head(self):
-        yield f"status: {self.status.message or 'successful'}"
+        yield f"status: {self.status}"
         accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:

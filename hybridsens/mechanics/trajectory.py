@@ -189,9 +189,8 @@ class Trajectory(eqx.Module):
         return "\n".join([*self._head(), *event_table(self.events), f"final: {state_text(self.final)}"])
 
     def _head(self):
-        message = self.status.message or "successful"
         accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
-        yield f"status: {message}"
+        yield f"status: {self.status}"
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:
             yield f"cost: {self.cost}"
