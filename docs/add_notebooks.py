@@ -15,3 +15,9 @@ def on_files(files: Files, config) -> Files:
         place = str(path.relative_to(ROOT))
         files.append(File(place, str(ROOT), config.site_dir, config.use_directory_urls))
     return files
+
+
+def on_page_markdown(markdown: str, page, **given) -> str:
+    """Links that lead out of the documentation's folder, as they do where the repository is read, lead into the site."""
+    up = "../" * page.file.src_uri.count("/")
+    return markdown.replace(f"]({up}../notebooks/", f"]({up}notebooks/")
