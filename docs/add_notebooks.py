@@ -18,6 +18,6 @@ def on_files(files: Files, config) -> Files:
 
 
 def on_page_markdown(markdown: str, page, **given) -> str:
-    """Links that lead out of the documentation's folder, as they do where the repository is read, lead into the site."""
+    """Links out of the folder of the documentation, right where the repository is read, as links within the site."""
     up = "../" * page.file.src_uri.count("/")
     return markdown.replace(f"]({up}../notebooks/", f"]({up}notebooks/")

@@ -206,8 +206,9 @@ def _check(number: int, call: Call, group: range, passage: Passage, tolerance: f
     names = contact_names(call.scene, call.events.impulse.shape[-1])
     name = str(contact) if kind == EventKind.SWITCH else names[contact]
     return EventCheck(
-        number, group, float(time), EventKind(int(kind)), int(contact), float(speed), determinant, expected, verdict, name
-    )
+        number, group, float(time), EventKind(int(kind)), int(contact), float(speed), determinant, expected, verdict,
+        name,
+    )  # fmt: skip
 
 
 def _compare_slopes(passage: Passage, forward, tolerance: float) -> str:

@@ -6,6 +6,7 @@ from ..export.columns import name_and_numbers, wrapped
 from ..export.html import preformatted
 from .check_causes import Cause, ParameterCheck
 from .check_events import EventCheck
+
 MOST_LETTERS = 10
 """In the name of a contact that stands in a row of 80 columns."""
 
@@ -60,8 +61,8 @@ def _event_lines(events: tuple[EventCheck, ...]):
     if max(map(len, names)) > MOST_LETTERS:
         names = [str(entry.contact) for entry in events]
     wide = 1 + max(map(len, ["contact", *names]))
-    yield (
-        f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>{wide}}{'closing speed':>14}{'determinant':>13}{'expected':>13}"
+    yield f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>{wide}}{'closing speed':>14}" + (
+        f"{'determinant':>13}{'expected':>13}"
     )
     yield from (_event_line(entry, f"{name:>{wide}}") for entry, name in zip(events, names, strict=True))
 
