@@ -86,20 +86,6 @@ def test_the_good_motion_succeeds():
     assert status() == hs.Status.successful
 
 
-def test_a_status_is_printed_with_its_name():
-    """By which the reference lists it; a batch by its names, and a motion as its status."""
-    failed = compiled(max_events=2)(**arrays(t1=5.0))
-    sentence = hs.Status[failed.status]
-    assert str(failed.status) == f"max_events_reached: {sentence}" and "more events than `max_events`" in sentence
-    assert str(failed).splitlines()[0] == f"status: {failed.status}"
-    assert repr(hs.Status.successful) == "Status<successful>"
-    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), hs.Status.successful, failed.status)
-    assert str(batch) == "['successful' 'max_events_reached']"
-    traced = []
-    jax.jit(lambda status: traced.append(str(status)))(failed.status)
-    assert traced == ["traced"]
-
-
 @pytest.mark.parametrize("name", BAD)
 def test_bad_value_is_told_by_its_own_status(name):
     """And the status has a text that tells the remedy."""

@@ -74,6 +74,19 @@ def test_a_print_has_the_names_of_contacts_and_the_numbers_of_parameters(motion)
     assert "f64[]" in traced[0]
 
 
+def test_a_status_is_printed_with_its_name(motion):
+    """By which the reference lists it; a batch by its names, and a motion as its status."""
+    short = hs.Status.max_events_reached
+    assert str(short) == f"max_events_reached: {hs.Status[short]}" and "more events than" in hs.Status[short]
+    assert str(eqx.tree_at(lambda m: m.status, motion, short)).splitlines()[0] == f"status: {short}"
+    assert repr(hs.Status.successful) == "Status<successful>"
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), hs.Status.successful, short)
+    assert str(batch) == "['successful' 'max_events_reached']"
+    traced = []
+    jax.jit(lambda status: traced.append(str(status)))(short)
+    assert traced == ["traced"]
+
+
 def test_a_data_set_holds_all_of_a_motion(motion):
     """By name: samples, events without padding, and each part of the cost."""
     dataset = motion.to_xarray()
