@@ -15,3 +15,9 @@ def on_files(files: Files, config) -> Files:
         place = str(path.relative_to(ROOT))
         files.append(File(place, str(ROOT), config.site_dir, config.use_directory_urls))
     return files
+
+
+def on_page_markdown(markdown: str, page, **given) -> str:
+    """Links out of the folder of the documentation, right where the repository is read, as links within the site."""
+    up = "../" * page.file.src_uri.count("/")
+    return markdown.replace(f"]({up}../notebooks/", f"]({up}notebooks/")

@@ -77,7 +77,7 @@ def _spoil_jvp(primals, tangents):
 def _message(code) -> str:
     status = _status(code)
     became = "could not begin" if status.at_start else "did not reach its end"
-    return f"The motion {became}: {status.message}"
+    return f"The motion {became} ({Status.names()[int(code)]}): {status.message}"
 
 
 def _status(code) -> Any:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .export.libraries import optional
+from .export.names import names_of
 from .export.trees import restored
 from .mechanics.scene import State
 from .mechanics.trajectory import Events, Trajectory
@@ -21,7 +22,8 @@ def load(path: str | Path) -> Any:
     """What `save` wrote: a `Trajectory` or a `Solution`, with every number as it was, or the xarray Dataset of a
     `FitResult`.
 
-    The scene is not in the file, so a motion that was loaded has no `evaluate`.
+    A motion keeps the names of coordinates and contacts. The scene is not in the file, so a motion that was loaded has
+    no `evaluate`.
     Raises: ImportError without xarray; FileNotFoundError; ValueError for a file that `save` did not write."""
     xarray = optional("xarray", "hybridsens.load()")
     with xarray.open_dataset(path, engine="netcdf4") as file:
@@ -41,7 +43,8 @@ def _trajectory(dataset) -> Trajectory:
     final = State(array("final_q"), array("final_v"))
     cost, mode, event_mode = (_tree(dataset, name, name) for name in ("cost", "scene_mode", "event_mode"))
     events, status, steps = _events(dataset, event_mode), _status(dataset.attrs), _steps(dataset.attrs)
-    return Trajectory(*samples, final, cost, events, array("closed"), status, steps, mode)
+    motion = Trajectory(*samples, final, cost, events, array("closed"), status, steps, mode)
+    return motion.come_from(names_of(dataset), None)
 
 
 def _solution(dataset) -> Solution:

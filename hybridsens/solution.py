@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from .export.attributes import must_be_one, with_structure
 from .export.html import preformatted
+from .export.netcdf import write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.trees import as_text
 from .numerics.sample_times import must_lie_within, with_room
@@ -100,13 +101,13 @@ class Solution(eqx.Module):
         return solution_samples(self)
 
     def save(self, path: str | Path) -> None:
-        """Write all of the motion to a netCDF file, from which `hybridsens.load` makes the same solution.
+        """Write all of the motion to a netCDF file (.nc), from which `hybridsens.load` makes the same solution.
 
-        Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a state, a mode or a cost
-        that is made of more than dict, list, tuple and arrays."""
+        Raises: ImportError without xarray and netCDF4; ValueError for a batch or another ending; TypeError for a state,
+        a mode or a cost that is made of more than dict, list, tuple and arrays."""
         must_be_one(self.events.count, "save()")
         outlined = with_structure(self.to_xarray(), x=self.final, mode=self.mode, cost=self.cost)
-        outlined.to_netcdf(path, engine="netcdf4")
+        write_netcdf(outlined, path)
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -120,7 +121,7 @@ class Solution(eqx.Module):
         return "\n".join([*self._head(), *_table(self.events), f"final: {as_text(self.final)}"])
 
     def _head(self):
-        yield f"status: {self.status.message or 'successful'}"
+        yield f"status: {self.status}"
         accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:

@@ -24,8 +24,8 @@ def outcome(message: str, at_start: bool = False) -> Any:
 
 
 class Status(eqx.Module):
-    """How a motion ended; `status.message`, or `Status[status]`, says what to do. The statuses of a batch are one
-    status with an array of codes.
+    """How a motion ended; `status.message`, or `Status[status]`, says what to do, and `str(status)` names it too. The
+    statuses of a batch are one status with an array of codes.
 
     Parts of the package that know more of a motion than that it has events add outcomes of their own; see `numbered`.
     """
@@ -123,8 +123,15 @@ class Status(eqx.Module):
     def __ne__(self, other: Any) -> Bool[Array, "*batch"]:  # type: ignore[override]
         return ~(self == other)
 
+    def __str__(self) -> str:
+        """The name and, unless it says all, the message; of a batch the names."""
+        if isinstance(self.code, jax.core.Tracer) or not eqx.is_array_like(self.code):
+            return self.message
+        name = str(np.asarray(Status.names())[self.code])
+        return f"{name}: {self.message}" if np.ndim(self.code) == 0 and self.message else name
+
     def __repr__(self) -> str:
-        return f"Status<{self.message}>"
+        return f"Status<{self}>"
 
 
 _MESSAGES: dict[str, str] = {}

@@ -10,7 +10,10 @@ import hybridsens as hs
 from tests.problems.balls import RestlessBall
 
 W = jnp.array(9.81)
-SENTENCE = "The motion did not reach its end: the motion had more events than `max_events`. Raise `max_events`"
+SENTENCE = (
+    "The motion did not reach its end (max_events_reached): the motion had more events than `max_events`. Raise "
+    "`max_events`"
+)
 
 
 def final(weight, throw=True, t1=5.0):

@@ -95,7 +95,7 @@ def _print_events(console: Console, motion: Trajectory | Solution) -> None:
     """The first and the last of them."""
     rows = _events(motion)
     accepted, rejected = int(motion.steps.accepted), int(motion.steps.rejected)
-    print(f"status: {Status[motion.status] or 'successful'}")
+    print(f"status: {motion.status}")
     print(f"steps: {accepted} accepted, {rejected} rejected; events: {len(rows)}")
     if rows:
         table = Table(box=SIMPLE_HEAD)

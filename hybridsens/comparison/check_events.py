@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..adjoint.methods import ForwardSensitivities, Replay
+from ..export.names import contact_names
 from ..mechanics.decisions import initial_mode
 from ..mechanics.flow import free_acceleration
 from ..mechanics.mode import EventKind
@@ -44,6 +45,8 @@ class EventCheck(NamedTuple):
     """What it must be; nan where that is not known."""
     verdict: str
     """Empty where all agree."""
+    contact_name: str = ""
+    """The scene's name of the contact, or its number."""
 
     @property
     def label(self) -> str:
@@ -200,9 +203,12 @@ def _check(number: int, call: Call, group: range, passage: Passage, tolerance: f
         verdict = f"determinant must be {expected:.9g}, but is {determinant:.9g}"
     else:
         verdict = _compare_slopes(passage, forward, tolerance)
+    names = contact_names(call.scene, call.events.impulse.shape[-1])
+    name = str(contact) if kind == EventKind.SWITCH else names[contact]
     return EventCheck(
-        number, group, float(time), EventKind(int(kind)), int(contact), float(speed), determinant, expected, verdict
-    )
+        number, group, float(time), EventKind(int(kind)), int(contact), float(speed), determinant, expected, verdict,
+        name,
+    )  # fmt: skip
 
 
 def _compare_slopes(passage: Passage, forward, tolerance: float) -> str:

@@ -7,9 +7,8 @@ from ..export.html import preformatted
 from .check_causes import Cause, ParameterCheck
 from .check_events import EventCheck
 
-EVENTS = f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>8}{'closing speed':>14}" + (
-    f"{'determinant':>13}{'expected':>13}"
-)
+MOST_LETTERS = 10
+"""In the name of a contact that stands in a row of 80 columns."""
 
 
 class GradientCheck(NamedTuple):
@@ -41,8 +40,7 @@ def format_check(check: GradientCheck) -> str:
     columns = f"{'adjoint':>16}{'forward':>16}{'differences':>16}{'+-':>9}{'reference':>16}"
     lines = [name_and_numbers("dJ/d", columns, width)]
     lines += [_parameter_line(entry, width) for entry in check.parameters]
-    lines += ["", EVENTS] if check.events else []
-    lines += [_event_line(entry) for entry in check.events]
+    lines += ["", *_event_lines(check.events)] if check.events else []
     wrong = [entry.parameter for entry in check.parameters if entry.verdict]
     events = [entry.label for entry in check.events if entry.verdict]
     if check.ok:
@@ -57,9 +55,21 @@ def _parameter_line(entry: ParameterCheck, width: int) -> str:
     return name_and_numbers(entry.parameter, numbers, width, entry.verdict)
 
 
-def _event_line(entry: EventCheck) -> str:
+def _event_lines(events: tuple[EventCheck, ...]):
+    """A header and a row for each event, with the names of contacts where these leave room for all columns."""
+    names = [entry.contact_name or str(entry.contact) for entry in events]
+    if max(map(len, names)) > MOST_LETTERS:
+        names = [str(entry.contact) for entry in events]
+    wide = 1 + max(map(len, ["contact", *names]))
+    yield f"{'event':>7}{'time':>13}{'kind':>9}{'contact':>{wide}}{'closing speed':>14}" + (
+        f"{'determinant':>13}{'expected':>13}"
+    )
+    yield from (_event_line(entry, f"{name:>{wide}}") for entry, name in zip(events, names, strict=True))
+
+
+def _event_line(entry: EventCheck, contact: str) -> str:
     numbers = (
-        f"{entry.time:>13.6f}{entry.kind.name.lower():>9}{entry.contact:>8}"
+        f"{entry.time:>13.6f}{entry.kind.name.lower():>9}{contact}"
         f"{entry.closing_speed:>14.4g}{entry.determinant:>13.6g}{entry.expected:>13.6g}"
     )
     return name_and_numbers(f"{entry.label:>7}", numbers, 7, entry.verdict)

@@ -157,4 +157,4 @@ def raise_unless_reached_end(reported: Reported) -> None:
     """Raise SimulationError if a motion of ours is not whole."""
     for status in reported.status:
         if not reached_end(status):
-            raise SimulationError(status.message)
+            raise SimulationError(str(status))

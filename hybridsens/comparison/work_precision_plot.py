@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 MARKS = "osD^vP*X<>"
 DASHES = ("-", "--", "-.", ":")
 SHADES = ("0.0", "0.45")
+MOST_LETTERS = 130
+"""Letters in a row of the legend, with five more for the line before each label."""
 
 
 def plot_work_precision(study: "WorkPrecision") -> Figure:
@@ -21,7 +23,7 @@ def plot_work_precision(study: "WorkPrecision") -> Figure:
 
     A mark for each solver, a dash for each gradient method, black for float64 and grey for float32.
     """
-    figure = new_figure((10, 4.8))
+    figure = new_figure((10, 4.6))
     axes = figure.subplots(1, 2, sharey=False)
     for panel, error, title in zip(axes, ("value_error", "gradient_error"), ("J", "its gradient"), strict=True):
         front = study.pareto(error)
@@ -31,14 +33,29 @@ def plot_work_precision(study: "WorkPrecision") -> Figure:
         )  # fmt: skip
         _lines(panel, study, error)
         panel.set(xlabel="time per gradient [ms]", ylabel=f"relative error of {title}")
-        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        panel.xaxis.set_major_formatter("{x:g}")
-        panel.xaxis.set_minor_formatter(NullFormatter())
+        _tick_times(panel)
         panel.grid(color="0.9", linewidth=0.6)
         panel.set_axisbelow(True)
-    labelled = axes[1].get_legend_handles_labels()
-    figure.legend(*labelled, loc="outside lower center", ncols=4, frameon=False, fontsize="small")
+    _add_legend(figure, *axes[1].get_legend_handles_labels())
     return figure
+
+
+def _tick_times(panel: Axes) -> None:
+    """Ticks that do not run into each other. The axis spans a decade or more, so that it does not show the noise of the
+    clock alone."""
+    low, high = panel.get_xlim()
+    middle = (low * high) ** 0.5
+    panel.set_xlim(min(low, middle / 10**0.5), max(high, middle * 10**0.5))
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 1e3 * low else (1,)))
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _add_legend(figure: Figure, handles: list, labels: list[str]) -> None:
+    """Below the panels, in as many columns as the figure has room for, and the figure is as much higher."""
+    columns = min(4, max(1, MOST_LETTERS // (max(map(len, labels)) + 5)))
+    figure.set_figheight(figure.get_figheight() + 0.2 * -(-len(labels) // columns))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize="small")
 
 
 def _lines(axes: Axes, study: "WorkPrecision", error: str) -> None:

@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from ..export.html import preformatted
+from ..export.netcdf import write_netcdf
 from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 from .data import Measurements
@@ -131,10 +132,10 @@ class FitResult(eqx.Module):
         return fit_dataset(self)
 
     def save(self, path: str | Path) -> None:
-        """Write that Dataset to a netCDF file, which `hybridsens.load` or xarray opens. The scene is not in it.
+        """Write that Dataset to a netCDF file (.nc), which `hybridsens.load` or xarray opens. The scene is not in it.
 
-        Raises: ImportError without xarray and netCDF4."""
-        self.to_xarray().to_netcdf(path, engine="netcdf4")
+        Raises: ImportError without xarray and netCDF4; ValueError for another ending."""
+        write_netcdf(self.to_xarray(), path)
 
     def __str__(self) -> str:
         return report(self)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .attributes import attributes, must_be_one
 from .libraries import optional
-from .names import contact_names, coordinate_names
+from .names import contact_names, coordinate_names, unit_of_contact
 from .trees import named_leaves, variables
 
 KINDS = "impact capture release switch"
@@ -26,7 +26,7 @@ def motion_dataset(motion: Any, scene: Any):
         "final_q": ("coordinate", motion.final.q, {"long_name": "configuration at the end"}),
         "final_v": ("velocity", motion.final.v, {"long_name": "velocity at the end"}),
         "closed": ("contact", motion.mode, {"long_name": "contacts held closed at the end"}),
-        **_events(motion.events),
+        **_events(motion.events, scene),
         **variables("cost", motion.cost),
         **variables("scene_mode", motion.scene_mode),
     }
@@ -41,9 +41,10 @@ def motion_dataset(motion: Any, scene: Any):
     return xarray.Dataset(arrays, coords, attributes("trajectory", motion))
 
 
-def _events(events) -> dict[str, tuple]:
+def _events(events, scene) -> dict[str, tuple]:
     """Rows of the events that there were."""
     n = int(events.count)
+    in_unit = lambda unit: {"units": unit} if unit_of_contact(scene, unit) else {}
     kinds = {"flag_values": np.arange(4), "flag_meanings": KINDS}
     return {
         "event_time": ("event", events.time[:n], {"units": "s"}),
@@ -53,7 +54,7 @@ def _events(events) -> dict[str, tuple]:
         "event_v_before": (("event", "velocity"), events.before.v[:n]),
         "event_q_after": (("event", "coordinate"), events.after.q[:n]),
         "event_v_after": (("event", "velocity"), events.after.v[:n]),
-        "impulse": (("event", "contact"), events.impulse[:n], {"units": "N s"}),
-        "closing_speed": ("event", events.closing_speed[:n], {"units": "m/s"}),
+        "impulse": (("event", "contact"), events.impulse[:n], in_unit("N s")),
+        "closing_speed": ("event", events.closing_speed[:n], in_unit("m/s")),
         "order_matters": ("event", events.order_matters[:n]),
     }

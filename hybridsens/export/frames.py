@@ -7,7 +7,7 @@ import numpy as np
 from .attributes import must_be_one
 from .dataset import KINDS
 from .libraries import optional
-from .names import contact_names, coordinate_names
+from .names import contact_names, coordinate_names, unit_of_contact
 
 
 def samples_frame(motion: Any, scene: Any):
@@ -37,13 +37,14 @@ def events_frame(events: Any, scene: Any):
     names = contact_names(scene, events.impulse.shape[1])
     kind, switched = np.asarray(events.kind[:n]), np.asarray(events.kind[:n]) == KINDS.split().index("switch")
     of_contact = np.where(switched, 0, contact)
-    impulse = np.asarray(events.impulse[:n])
+    impulses = np.asarray(events.impulse[:n])
+    impulse = impulses[np.arange(n), of_contact] if impulses.shape[1] else 0.0
     columns: dict[str, Any] = {
         "time [s]": np.asarray(events.time[:n]),
         "kind": np.array(KINDS.split())[kind] if n else np.array([], str),
         "contact": np.array([str(i) if s else names[i] for i, s in zip(contact, switched, strict=True)], str),
-        "closing speed [m/s]": np.asarray(events.closing_speed[:n]),
-        "impulse [N s]": np.where(switched, 0.0, impulse[np.arange(n), of_contact] if impulse.shape[1] else 0.0),
+        "closing speed" + unit_of_contact(scene, "m/s"): np.asarray(events.closing_speed[:n]),
+        "impulse" + unit_of_contact(scene, "N s"): np.where(switched, 0.0, impulse),
     }
     q_names, v_names = coordinate_names(scene, events.before.q.shape[1])
     sides = ((q_names, events.before.q, ""), (v_names, events.before.v, " before"), (v_names, events.after.v, " after"))

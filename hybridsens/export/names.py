@@ -1,7 +1,14 @@
 """Names of coordinates and their velocities, for tables and axes."""
 
 import re
-from typing import Any
+from typing import Any, NamedTuple
+
+
+class Names(NamedTuple):
+    """The names that a scene gives, where the scene itself is not known; None for what it does not name."""
+
+    coordinates: tuple[str, ...] | None
+    contacts: tuple[str, ...] | None
 
 
 def coordinate_names(scene: Any, dof: int) -> tuple[list[str], list[str]]:
@@ -27,6 +34,21 @@ def _rate(name: str) -> str:
         return f"{name} rate"
     unit = "1/s" if found[2] in {"", "1"} else f"{found[2]}/s"
     return f"{found[1]} rate [{unit}]"
+
+
+def unit_of_contact(scene: Any, unit: str) -> str:
+    """What stands behind the name of a contact's number: " [m/s]", or "" where the scene's `coordinates` tell that it
+    counts in other units, so that those of its gaps are not known."""
+    given = getattr(scene, "coordinates", None) or ()
+    units = {found[1] for found in (re.search(r"\[(.*)\]$", str(name)) for name in given) if found}
+    return f" [{unit}]" if units <= {"m", "rad", "1", ""} else ""
+
+
+def names_of(dataset: Any) -> Names:
+    """The names in a dataset of a motion; those that stand for no name are none."""
+    coordinates, contacts = ([str(name) for name in dataset[axis].values] for axis in ("coordinate", "contact"))
+    named = coordinates != coordinate_names(None, len(coordinates))[0]
+    return Names(tuple(coordinates) if named else None, tuple(contacts))
 
 
 def contact_names(scene: Any, count: int) -> list[str]:

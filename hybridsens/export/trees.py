@@ -67,7 +67,7 @@ class _Plain:
         self.leaf = np.asarray(leaf)
 
     def __repr__(self):
-        return str(self.leaf.item() if self.leaf.ndim == 0 else self.leaf)
+        return np.array2string(self.leaf)  # str() of a single number would show all of its digits
 
 
 def _key(entry) -> Any:

@@ -17,6 +17,7 @@ from ..export.attributes import must_be_one, with_structure
 from ..export.dataset import motion_dataset
 from ..export.frames import events_frame, samples_frame
 from ..export.html import paragraph, preformatted, table
+from ..export.netcdf import write_netcdf
 from ..export.trees import as_text
 from ..numerics.sample_times import must_lie_within, with_room
 from ..outcome import Steps
@@ -62,9 +63,9 @@ class Origin(NamedTuple):
     """Where a motion came from."""
 
     scene: Any
-    """The scene that moved."""
-    again: functools.partial
-    """The same simulation for other `ts`."""
+    """The scene that moved, or the `Names` that a file has of it."""
+    again: functools.partial | None
+    """The same simulation for other `ts`; None for a motion from a file."""
 
 
 class Trajectory(eqx.Module):
@@ -103,7 +104,7 @@ class Trajectory(eqx.Module):
         times = np.asarray(ts, float)
         order = np.argsort(times, axis=None)
         ordered = jnp.asarray(times.ravel()[order], self.final.q.dtype)
-        again = self._known_origin("evaluate()").again
+        again = self._known_again("evaluate()")
         must_lie_within(ordered, again.keywords["t0"], again.keywords["t1"])
         found = again(ts=with_room(ordered))
         places = np.argsort(order).reshape(times.shape)
@@ -114,7 +115,7 @@ class Trajectory(eqx.Module):
 
         `cost` is a scalar function of a trajectory. A sample at the end, where nothing follows, is nan.
         Raises: ValueError as `evaluate`, and without samples."""
-        again = self._known_origin("the costate").again
+        again = self._known_again("the costate")
         assert self.ts is not None and self.q is not None and self.v is not None
         t1 = again.keywords["t1"]
 
@@ -143,14 +144,14 @@ class Trajectory(eqx.Module):
         return samples_frame(self, self._scene)
 
     def save(self, path: str | Path) -> None:
-        """Write all of the motion to a netCDF file, from which `hybridsens.load` makes the same trajectory.
+        """Write all of the motion to a netCDF file (.nc), from which `hybridsens.load` makes the same trajectory.
 
-        Raises: ImportError without xarray and netCDF4; ValueError for a batch; TypeError for a cost or a mode that
-        is made of more than dict, list, tuple and arrays."""
+        Raises: ImportError without xarray and netCDF4; ValueError for a batch or another ending; TypeError for a cost
+        or a mode that is made of more than dict, list, tuple and arrays."""
         trees = dict(cost=self.cost, scene_mode=self.scene_mode, event_mode=self.events.mode)
-        with_structure(self.to_xarray(), **trees).to_netcdf(path, engine="netcdf4")
+        write_netcdf(with_structure(self.to_xarray(), **trees), path)
 
-    def come_from(self, scene: Any, again: functools.partial) -> "Trajectory":
+    def come_from(self, scene: Any, again: functools.partial | None) -> "Trajectory":
         """This motion, which now knows what it came from.
 
         That is no field: it would ride along as an output of every compiled program, and be copied for every motion of
@@ -164,15 +165,15 @@ class Trajectory(eqx.Module):
         origin = getattr(self, "_origin", None)
         return None if origin is None else origin.scene
 
-    def _known_origin(self, wanted_by: str) -> Origin:
+    def _known_again(self, wanted_by: str) -> functools.partial:
         must_be_one(self.events.count, wanted_by)
-        origin = getattr(self, "_origin", None)
-        if origin is None:
+        again = getattr(getattr(self, "_origin", None), "again", None)
+        if again is None:
             raise ValueError(
                 f"{wanted_by} must know the scene of its motion, which is lost where a motion is loaded, taken out of "
                 "a batch or returned by jax.jit. Pass `ts=` to `simulate` instead."
             )
-        return origin
+        return again
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -190,9 +191,8 @@ class Trajectory(eqx.Module):
         return "\n".join([*self._head(), *event_table(self.events), f"final: {state_text(self.final)}"])
 
     def _head(self):
-        message = self.status.message or "successful"
         accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
-        yield f"status: {message}"
+        yield f"status: {self.status}"
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:
             yield f"cost: {self.cost}"

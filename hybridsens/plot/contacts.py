@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..export.names import contact_names
+from ..export.names import contact_names, unit_of_contact
 from ..mechanics.flow import multipliers
 from ..mechanics.mode import closeness
 from ..mechanics.scene import AbstractScene
@@ -48,8 +48,8 @@ def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
         impulse, time = np.asarray(events.impulse[:n, i]), np.asarray(events.time[:n])
         below.vlines(time[impulse != 0], 0, impulse[impulse != 0], color=colour, linestyle=style, linewidth=1.6)
         below.plot(time[impulse != 0], impulse[impulse != 0], "o", color=colour, markersize=4)
-    above.set_ylabel("force of held\ncontacts [N]")
-    below.set_ylabel("impulse of\nimpacts [N s]")
+    above.set_ylabel(f"force of held\ncontacts{unit_of_contact(scene, 'N')}")
+    below.set_ylabel(f"impulse of\nimpacts{unit_of_contact(scene, 'N s')}")
     below.set_xlabel("time [s]")
     below.set_ylim(bottom=0)
     above.legend(title="contact", frameon=False, fontsize="small")

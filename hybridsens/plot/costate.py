@@ -47,6 +47,7 @@ def plot_costate(scene: AbstractScene, trajectory: Trajectory, cost: Callable[[T
         for time in times:
             axes.axvline(time, color="0.8", linewidth=0.7, zorder=0)
         axes.legend(frameon=False, fontsize="small")
-        axes.set_ylabel("dJ / d(...)")
-    figure.axes[-1].set_xlabel("time [s]")
+    above, below = figure.axes
+    above.set_ylabel("dJ/dq")
+    below.set(ylabel="dJ/dv", xlabel="time [s]")
     return figure

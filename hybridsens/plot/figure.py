@@ -6,6 +6,7 @@ import sys
 import jax.core
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
@@ -33,6 +34,11 @@ def new_figure(size: tuple[float | int, float | int]) -> Figure:
     if pyplot is None or "inline" in backend or backend == "agg":
         return Picture(figsize=size, layout="constrained")
     return pyplot.figure(figsize=size, layout="constrained")
+
+
+def whole_ticks() -> MaxNLocator:
+    """Ticks at integers, of which one may be the only one in sight."""
+    return MaxNLocator(integer=True, min_n_ticks=1)
 
 
 def must_be_sampled(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:

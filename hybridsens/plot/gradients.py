@@ -22,6 +22,7 @@ def plot_gradients(axes: Axes, names: list[str], gradients: dict[str, Float[np.n
         look = {"facecolor": face, "hatch": hatch, "edgecolor": "#14213d", "linewidth": 0.8}
         axes.barh(places, values / scale, height, label=label, **look)
     axes.set_xlim(-1.1, 1.1)
+    axes.set_xticks([-1, 0, 1])
     axes.axvline(0, color="black", linewidth=0.8)
     axes.set_yticks(np.arange(len(names)), [name.replace("_", " ") for name in names])
     axes.set_xlabel("dJ/dtheta, scaled per parameter")

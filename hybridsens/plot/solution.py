@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from ..solution import Solution
-from .figure import ABOVE, LINES, new_figure, sample_times
+from .figure import ABOVE, LINES, new_figure, sample_times, whole_ticks
 
 MOST = 8
 """Entries of one leaf that are drawn."""
@@ -87,8 +87,11 @@ def _draw_modes(axes: Axes, solution: Solution, modes: dict[str, np.ndarray]) ->
         colour, line = LINES[i % len(LINES)]
         values = np.append(rows[:, 0], rows[-1, 0]).astype(float)
         axes.plot(t, values, line, color=colour, linewidth=1.3, drawstyle="steps-post", label=name)
-    axes.set_ylabel("mode")
-    axes.legend(ncols=len(modes), **ABOVE)
+    if all(rows.dtype.kind in "biu" for rows in modes.values()):
+        axes.yaxis.set_major_locator(whole_ticks())
+    axes.set_ylabel("mode" if len(modes) > 1 else next(iter(modes)))
+    if len(modes) > 1:
+        axes.legend(ncols=len(modes), **ABOVE)
 
 
 def _draw_events(axes: Axes, solution: Solution) -> None:

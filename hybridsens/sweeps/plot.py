@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator
 
-from ..plot.figure import new_figure
+from ..plot.figure import new_figure, whole_ticks
 from .dataset import gradients
 
 if TYPE_CHECKING:
@@ -46,16 +46,27 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
 def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> None:
     """A coloured map of (x, y) values with its colour bar."""
     x, y = (str(dim) for dim in values.dims)
-    positive = np.any(values.values > 0)
+    logarithmic = logarithmic and bool(np.any(values.values > 0))
     edges = _edges(values[x].values), _edges(values[y].values)
     drawn = np.ma.masked_invalid(values.values.T.astype(float))
-    mesh = axes.pcolormesh(*edges, drawn, norm=LogNorm() if logarithmic and positive else None, rasterized=True)
+    mesh = axes.pcolormesh(*edges, drawn, norm=LogNorm() if logarithmic else None, rasterized=True)
     whole = np.issubdtype(values.dtype, np.integer) or values.name == "event_count"
-    axes.figure.colorbar(mesh, ax=axes, ticks=MaxNLocator(integer=True) if whole else None)
+    ticks = _log_ticks(drawn[drawn > 0].compressed()) if logarithmic else whole_ticks() if whole else None
+    bar = axes.figure.colorbar(mesh, ax=axes, ticks=ticks, format="%.3g" if logarithmic else None)
+    bar.minorticks_off()
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel(_label(values[x]))
     axes.set_ylabel(_label(values[y]))
     axes.label_outer()
+
+
+def _log_ticks(values: np.ndarray) -> np.ndarray:
+    """Both ends, and round numbers between that keep their distance from these."""
+    low, high = values.min(), values.max()
+    steps = (1, 2, 5) if high < 100 * low else (1,)
+    between = LogLocator(subs=steps, numticks=6).tick_values(low, high)
+    apart = (high / low) ** 0.08
+    return np.unique([low, *between[(between > low * apart) & (between < high / apart)], high])
 
 
 def draw_borders(axes: Axes, sequence: "xr.DataArray") -> None:

@@ -26,6 +26,7 @@ class Ball(BouncingBall):
     """A ball that is never held: its programs are small."""
 
     sustained_contact = False
+    contacts = ("ground",)
 
 
 def test_a_right_gradient_passes_and_each_impact_has_determinant_e_squared():
@@ -33,6 +34,7 @@ def test_a_right_gradient_passes_and_each_impact_has_determinant_e_squared():
     check = check_gradient(Ball(restitution_coefficient=0.8), max_events=8, max_steps=1024)
     assert check.ok, str(check)
     assert [entry.determinant for entry in check.events] == pytest.approx([0.64] * 3, abs=1e-9)
+    assert [entry.contact_name for entry in check.events] == ["ground"] * 3 and " ground " in str(check)
     assert "All agree." in str(check)
 
 

@@ -39,6 +39,25 @@ def test_a_table_fits_a_terminal(table, parameters):
     assert sum(line.count("-2.12345679e-05") for line in lines) >= 4
 
 
+def test_a_parameter_whose_numbers_fit_has_one_line():
+    """And only a name that is too long has two."""
+    clean = lambda *names: GradientCheck(tuple(entry._replace(verdict="") for entry in check(names).parameters), ())
+    lines = str(clean("k", "mass")).splitlines()
+    assert [line.split()[:1] for line in lines] == [["dJ/d"], ["k"], ["mass"], [], ["All"]]
+    lines = str(clean("mass", "restitution_coefficient")).splitlines()
+    assert [line.split()[0] for line in lines[:4]] == ["dJ/d", "mass", "restitution_coefficient", "-2.12345679e-05"]
+    assert {len(line) for line in lines[:4]} - {len("restitution_coefficient")} == {80}
+
+
+@pytest.mark.parametrize(("names", "shown"), [(("wall", "left wheel"), ["wall", "left wheel"]), (["w" * 11], ["12"])])
+def test_events_of_a_check_name_their_contacts(names, shown):
+    """By the scene's names, where these leave room for the numbers."""
+    (entry,) = check(SHORT).events
+    lines = str(GradientCheck(check(SHORT).parameters, tuple(entry._replace(contact_name=name) for name in names)))
+    assert max(map(len, lines.splitlines())) <= 80
+    assert all(f"capture {name:>{max(map(len, shown + ['contact']))}} " in lines for name in shown)
+
+
 def test_what_is_said_of_a_row_stands_in_it_or_below():
     text = " ".join(str(check(SHORT)).split())
     assert "differences disagree" in text and "determinant disagrees" in text and "declare it by `jump_ts=`" in text

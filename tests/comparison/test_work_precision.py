@@ -62,6 +62,21 @@ def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_
     plot_work_precision(study).savefig(tmp_path / "points.png")
 
 
+@pytest.mark.parametrize(("slowest", "ticks"), [(1.01e-4, [0.05, 0.1, 0.2]), (2e-2, [0.1, 0.2, 0.5, 1, 2, 5, 10, 20])])
+def test_a_picture_holds_its_legend_and_few_ticks(slowest, ticks):
+    """Of the command's default: three solvers, two methods, two types; of points whose times hardly differ, too."""
+    methods, dtypes = ("Replay", "ForwardSensitivities"), ("float64", "float32")
+    settings = [(s, m, d) for s in ("Bosh3", "Tsit5", "Dopri8") for m in methods for d in dtypes]
+    points = [Point(*given, 1e-6, 1e-7, 1e-7, t) for given in settings for t in (1e-4, slowest)]
+    figure = plot_work_precision(WorkPrecision(tuple(points)))
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= figure.bbox.width and 0 <= box.y0
+    low, high = figure.axes[0].get_xlim()
+    np.testing.assert_allclose([x for x in figure.axes[0].get_xticks() if low <= x <= high], ticks)
+
+
 class Meter:
     """Stands for the measurement of a point; `stops_at` is when Ctrl-C is pressed."""
 

@@ -47,9 +47,7 @@ def test_every_picture_and_page_that_the_docs_point_to_exists():
     links = [(page, link) for page in DOCS.rglob("*.md") for link in re.findall(r"\]\(([^)#\s]+)", page.read_text())]
     inner = [(page, link) for page, link in links if "://" not in link]
     assert len(inner) > 20
-    # The site has the folder of notebooks beside its pages; see docs/add_notebooks.py.
-    found = lambda page, link: (page.parent / link).is_file() or (DOCS.parent / link).is_file()
-    assert [(page.name, link) for page, link in inner if not found(page, link)] == []
+    assert [(page.name, link) for page, link in inner if not (page.parent / link).is_file()] == []
 
 
 def test_every_public_name_has_its_place_in_the_reference():

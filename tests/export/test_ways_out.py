@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
+from hybridsens.export.dataset import motion_dataset
+from hybridsens.export.frames import events_frame
 from hybridsens.export.html import table
 from hybridsens.export.libraries import optional
+from hybridsens.export.names import Names
 from hybridsens.scenes import StackedBalls
 
 TS = jnp.linspace(0, 1, 9)
@@ -47,6 +50,20 @@ def test_samples_and_events_are_tables(motion):
     assert "low rate [m/s] before" in events.columns
 
 
+@pytest.mark.parametrize(
+    ("coordinates", "known"), [(None, True), (("x [m]", "angle [rad]"), True), (("x [m]", "lift [mm]"), False)]
+)
+def test_numbers_of_a_contact_have_units_where_these_are_known(motion, coordinates, known):
+    """A scene that counts in millimetres has gaps of which nothing tells the unit."""
+    scene = Names(coordinates, None)
+    columns = set(events_frame(motion.events, scene).columns)
+    assert ({"closing speed [m/s]", "impulse [N s]"} <= columns, {"closing speed", "impulse"} <= columns) == (
+        known, not known,
+    )  # fmt: skip
+    dataset = motion_dataset(motion, scene)
+    assert ["units" in dataset[name].attrs for name in ("impulse", "closing_speed")] == [known, known]
+
+
 def test_a_print_has_the_names_of_contacts_and_the_numbers_of_parameters(motion):
     """And a gradient, which is a scene too, shows its numbers; a large array its shape."""
     assert {line.split()[3] for line in str(motion).splitlines() if " impact " in line} == {"floor", "balls"}
@@ -55,6 +72,19 @@ def test_a_print_has_the_names_of_contacts_and_the_numbers_of_parameters(motion)
     traced = []
     jax.jit(lambda scene: traced.append(repr(scene)))(NamedBalls())
     assert "f64[]" in traced[0]
+
+
+def test_a_status_is_printed_with_its_name(motion):
+    """By which the reference lists it; a batch by its names, and a motion as its status."""
+    short = hs.Status.max_events_reached
+    assert str(short) == f"max_events_reached: {hs.Status[short]}" and "more events than" in hs.Status[short]
+    assert str(eqx.tree_at(lambda m: m.status, motion, short)).splitlines()[0] == f"status: {short}"
+    assert repr(hs.Status.successful) == "Status<successful>"
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), hs.Status.successful, short)
+    assert str(batch) == "['successful' 'max_events_reached']"
+    traced = []
+    jax.jit(lambda status: traced.append(str(status)))(short)
+    assert traced == ["traced"]
 
 
 def test_a_data_set_holds_all_of_a_motion(motion):
@@ -84,6 +114,35 @@ def test_a_file_gives_the_motion_back(motion, sampled, tmp_path):
         np.testing.assert_array_equal(leaf, expected, err_msg=str(path))
         assert leaf.dtype == expected.dtype, path
     assert loaded.events.time.shape == (8,) and bool(jnp.all(jnp.isinf(loaded.events.time[n:])))
+
+
+def test_a_motion_from_a_file_has_its_names(motion, tmp_path):
+    """Its print, its tables and its data set are those of the motion that was saved."""
+    motion.save(tmp_path / "motion.nc")
+    loaded = hs.load(tmp_path / "motion.nc")
+    assert str(loaded) == str(motion)
+    assert loaded.to_pandas().equals(motion.to_pandas())
+    assert loaded.events.to_pandas().equals(motion.events.to_pandas())
+    assert loaded.to_xarray().identical(motion.to_xarray())
+    with pytest.raises(ValueError, match="must know the scene of its motion, which is lost where a motion is loaded"):
+        loaded.evaluate(0.5)
+
+
+def test_a_motion_from_a_file_has_no_names_that_it_did_not_have(motion, tmp_path):
+    """One that does not know its scene has numbers, before and after."""
+    nameless = jax.tree.map(lambda leaf: leaf, motion)
+    nameless.save(tmp_path / "motion.nc")
+    loaded = hs.load(tmp_path / "motion.nc")
+    assert list(loaded.to_pandas().columns) == ["q[0]", "q[1]", "v[0]", "v[1]"]
+    assert str(loaded) == str(nameless)
+
+
+def test_a_file_of_another_kind_is_not_written(motion, tmp_path):
+    """A table, say; a name without an ending is that of a netCDF file."""
+    with pytest.raises(ValueError, match=r"must end in .nc, .* but is a.csv: .*to_pandas\(\)\.to_csv"):
+        motion.save(tmp_path / "a.csv")
+    motion.save(tmp_path / "a")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 def test_a_file_of_another_origin_is_refused(motion, tmp_path):

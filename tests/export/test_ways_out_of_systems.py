@@ -50,6 +50,12 @@ def test_samples_and_events_are_tables(motion):
     np.testing.assert_allclose(events["level[1] before"], [0.45 / 0.8, 1.0, 0.45 * 2.5 - 1], rtol=1e-7)
 
 
+def test_a_print_shows_six_digits_of_single_numbers_too(motion):
+    """As of arrays: the clock is at 3 but for rounding, and a third has no more digits than others."""
+    clocks = eqx.tree_at(lambda m: m.final["clock"], motion, (jnp.array(2.9999999999999), jnp.array(1 / 3)))
+    assert str(clocks).splitlines()[-1].startswith("final: {'clock': (3., 0.333333), 'level': [")
+
+
 def test_a_data_set_holds_all_of_a_motion(motion):
     """By name: samples, events without padding, modes, and each part of the cost; the state has the same dimension
     before and after an event."""
@@ -76,6 +82,14 @@ def test_a_file_gives_the_motion_back(motion, sampled, tmp_path):
         assert leaf.dtype == expected.dtype, path
     with pytest.raises(ValueError, match="must know the system"):
         loaded.evaluate(1.0)
+
+
+def test_a_file_of_another_kind_is_not_written(motion, tmp_path):
+    """A table, say; a name without an ending is that of a netCDF file."""
+    with pytest.raises(ValueError, match=r"must end in .nc, .* but is a.csv: .*to_pandas\(\)\.to_csv"):
+        motion.save(tmp_path / "a.csv")
+    motion.save(tmp_path / "a")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 def test_what_a_file_cannot_hold_is_named(motion, tmp_path):

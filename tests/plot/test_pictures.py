@@ -1,13 +1,17 @@
 """Pictures show what the motion did, and moving ones have its frames."""
 
+import types
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from PIL import Image
 
 import hybridsens as hs
+from hybridsens.outcome import Steps
 from hybridsens.plot.figure import new_figure
 from hybridsens.scenes import BouncingBall
+from hybridsens.solution import SolutionEvents
 
 FALL = float(np.sqrt(2 / 9.81))
 
@@ -48,6 +52,8 @@ def test_the_costate_of_a_bounce_has_its_closed_form(motion):
     np.testing.assert_allclose(found.q[:-1, 0], dq, rtol=1e-9)
     np.testing.assert_allclose(found.v[:-1, 0], dv, rtol=1e-9)
     assert np.isnan(found.q[-1, 0])
+    panels = hs.plot_costate(NamedBall(), motion, lambda following: following.final.q[0]).axes
+    assert [panel.get_ylabel() for panel in panels] == ["dJ/dq", "dJ/dv"]
 
 
 def test_the_force_of_a_held_contact_is_the_weight(motion, resting):
@@ -79,6 +85,27 @@ def test_coordinates_have_their_names_and_jumps(motion):
     assert [label.get_text() for label in over_time[2].get_yticklabels()] == ["floor"]
     with pytest.raises(ValueError, match="one of height"):
         hs.plot_phase(NamedBall(), motion, "width")
+
+
+def test_whole_modes_have_whole_ticks_and_only_several_a_legend():
+    """Of one switch; of a switch and a number; of a number that is real."""
+    modes = ({"on": True}, {"on": True, "visits": 3}, {"speed": 0.5})
+    panels = [hs.plot_solution(_switched_once(mode)).axes[1] for mode in modes]
+    assert [panel.get_ylabel() for panel in panels] == ["mode.on", "mode", "mode.speed"]
+    assert [panel.get_legend() is not None for panel in panels] == [False, True, False]
+    whole = [all(tick == round(tick) for tick in panel.get_yticks()) for panel in panels]
+    assert whole == [True, True, False]
+
+
+def _switched_once(mode):
+    """A motion at rest whose mode changes at 1: written down, not simulated."""
+    ts, again = jnp.linspace(0.0, 2.0, 3), types.SimpleNamespace(initial_mode=lambda: mode)
+    later = {name: jnp.asarray([value + 1]) for name, value in mode.items()}
+    later = {name: value if name != "on" else jnp.array([False]) for name, value in later.items()}
+    rest = jnp.zeros(1)
+    events = SolutionEvents(jnp.ones(1), jnp.zeros(1, int), rest, rest, later, jnp.array(1))
+    steps = Steps(jnp.array(1), jnp.array(0))
+    return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, hs.Status.successful, steps, again)
 
 
 def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):

@@ -62,6 +62,13 @@ def test_bars_of_a_parameter_are_scaled_together():
     np.testing.assert_allclose(widths, [0.5, -1, 1, 0])
 
 
+def test_the_scale_of_gradients_has_room_for_its_ticks():
+    """In a narrow panel too."""
+    axes = Figure(figsize=(2, 2)).subplots()
+    plot_gradients(axes, ["mass"], {"one": np.array([1.0])})
+    assert axes.get_xticks().tolist() == [-1, 0, 1]
+
+
 def test_rounding_is_drawn_as_zero():
     """A derivative that is zero, by a method that leaves rounding, has no bar beside one of another size."""
     axes = Figure().subplots()

@@ -159,5 +159,5 @@ def loops(scene):
 
 
 def test_gaps_that_are_affine_are_not_searched():
-    """The program of a scene with a plane that tilts and moves evenly has one loop less than that of a post."""
+    """The program of a scene with a plane that tilts and moves evenly has two loops less than that of a post."""
     assert loops(Plane(jnp.ones(2))) == loops(Post(jnp.ones(2))) - 2  # where open, and along what is held

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import hybridsens
 from hybridsens.scenes import ElasticStop
 from hybridsens.sweeps import grid, plot_bifurcation, plot_sweep, sweep
-from hybridsens.sweeps.plot import border_lines
+from hybridsens.sweeps.plot import border_lines, draw_map
 
 
 def test_borders_lie_between_points_with_different_sequences():
@@ -38,6 +38,21 @@ def test_a_map_shows_value_both_derivatives_and_needs_two_parameters():
     np.testing.assert_array_equal(maps[2].collections[0].get_array().reshape(4, 5), abs(found.dJ_db.values.T))
     with pytest.raises(ValueError, match="must have a grid of two parameters"):
         plot_sweep(found.isel(a=0))
+
+
+def test_a_map_of_one_count_has_one_tick_and_a_logarithmic_one_both_ends():
+    """Assert that counts have whole ticks, and that ticks beside a logarithmic bar do not run into each other."""
+    coords = {"a": [1.0, 2.0], "b": [1.0, 2.0]}
+    array = lambda values, name: xr.DataArray(values, coords, ("a", "b"), name)
+    figure = Figure()
+    counts, narrow, wide = figure.subplots(1, 3)
+    draw_map(counts, array([[3, 3], [3, 3]], "event_count"))
+    draw_map(narrow, array([[0.89, 1.3], [1.9, 1.1]], "dJ_da"), logarithmic=True)
+    draw_map(wide, array([[1e-9, 1], [0, 9]], "dJ_db"), logarithmic=True)
+    figure.draw_without_rendering()
+    shown = [[label.get_text() for label in bar.get_yticklabels()] for bar in figure.axes[3:]]
+    assert shown[0][1:-1] == ["3"] and shown[1] == ["0.89", "1", "1.9"]
+    assert (shown[2][0], shown[2][-1]) == ("1e-09", "9") and 4 < len(shown[2]) < 9
 
 
 def test_a_bifurcation_diagram_shows_period_one_where_the_motion_repeats():
