@@ -8,6 +8,7 @@ from typing import Any
 
 import typer
 
+from ..comparison.functional import what_is_missing
 from ..mechanics.scene import AbstractScene
 from ..scenes import SCENES
 from ..system import AbstractHybridSystem
@@ -68,7 +69,7 @@ def startable(name: str) -> Any:
 def runnable(name: str) -> Any:
     """A model that says by itself where it starts, how long it runs and what it costs."""
     found = model(name)
-    missing = [part for part in ("initial_state", "t1", "running_cost") if not hasattr(found, part)]
+    missing = what_is_missing(found)
     if missing:
         raise typer.BadParameter(
             f"{name} must have {', '.join(missing)}: derive it from hybridsens.scenes.ShippedScene or "
