@@ -1,6 +1,5 @@
 """`hybridsens demo`: a motion, its functional's gradient by three methods, and a picture."""
 
-import inspect
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,6 +20,7 @@ from ..solution import MOST_ROWS, Solution, SolutionEvents
 from ..status import Status
 from ..waiting import waiting
 from .as_json import Json, print_json
+from .class_texts import text
 from .models import HELP, complete, file_name, runnable
 from .options import picture_to_write
 
@@ -53,7 +53,8 @@ def demo(
 
 def _print(name: str, scene: Any, shown: Demonstration) -> None:
     console = Console(width=WIDTH, highlight=False)
-    console.print(f"{name}: {inspect.getdoc(scene)}\n", markup=False)
+    about = text(type(scene))
+    console.print(f"{name}: {about}\n" if about else f"{name}\n", markup=False)
     _print_events(console, shown.trajectory)
     _print_gradients(console, shown)
     _print_timings(console, shown)

@@ -1,5 +1,6 @@
 """Scenes and systems by name: a ready-made one, or a class of the user's own in a file."""
 
+import contextlib
 import importlib.util
 import inspect
 import sys
@@ -106,5 +107,6 @@ def _load(path: Path) -> Any:
         raise typer.BadParameter(f"{path} must be a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # where Python looks for the source of its classes
-    spec.loader.exec_module(module)
+    with contextlib.redirect_stdout(sys.stderr):  # what the file prints is none of the command's output
+        spec.loader.exec_module(module)
     return module

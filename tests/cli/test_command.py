@@ -70,13 +70,14 @@ def test_demo_shows_a_right_gradient_beside_a_wrong_one(shown, monkeypatch, tmp_
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_demo_draws_the_motion_of_a_scene_of_ones_own(shown, monkeypatch, tmp_path):
+def test_demo_draws_the_motion_of_a_scene_of_ones_own(shown, monkeypatch, tmp_path, capsys):
     """Assert that gaps, velocities and contacts stand beside the gradients of a class that derives from no ready-made
-    one."""
+    one; and that it is not described by the signature that Python puts in the place of a text."""
     (tmp_path / "own.py").write_text(PLAIN)
     monkeypatch.setattr(demo, "demonstrate", lambda scene, tolerance: shown)
     monkeypatch.chdir(tmp_path)
     assert run(["demo", "own.py:Plain", "--output", "own.svg"]) == 0
+    assert capsys.readouterr().out.startswith("own.py:Plain\n\n")
     picture = (tmp_path / "own.svg").read_text()
     assert all(f"<!-- {label} -->" in picture for label in ("gap", "velocity", "time [s]"))
 
