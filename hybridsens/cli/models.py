@@ -9,14 +9,14 @@ from typing import Any
 
 import typer
 
+from .. import scenes
 from ..comparison.functional import what_is_missing
 from ..mechanics.scene import AbstractScene
-from ..scenes import SCENES
 from ..system import AbstractHybridSystem
 from ..systems import SYSTEMS
 from ..validation.spelling import did_you_mean
 
-READY_MADE: dict[str, Any] = {**SCENES, **SYSTEMS}
+READY_MADE: dict[str, Any] = {**scenes.SCENES, **SYSTEMS}
 """Name -> class."""
 HELP = "A name from `hybridsens scenes`, or path/to/file.py:Class for a scene or a system of your own."
 
@@ -37,7 +37,7 @@ def model(name: str) -> Any:
     if not file:
         raise typer.BadParameter(
             f"there is no scene {name!r}; choose {', '.join(READY_MADE)} or path/to/file.py:Class."
-            f"{did_you_mean(name, READY_MADE)}"
+            f"{_made_in_python(name) or did_you_mean(name, READY_MADE)}"
         )
     if not Path(file).is_file():
         raise typer.BadParameter(f"there is no file {file}")
@@ -50,6 +50,14 @@ def model(name: str) -> Any:
         raise typer.BadParameter(
             f"{class_name} of {file} must be made by {class_name}(), which raises {type(error).__name__}: {error}"
         ) from error
+
+
+def _made_in_python(name: str) -> str:
+    """What to say of newtons-cradle: the scenes of any size have no name here."""
+    of = name.title().replace("-", "")
+    if not isinstance(getattr(scenes, of, None), type):
+        return ""
+    return f" A {of} of any size is made in Python: hybridsens.scenes.{of}, from which a class in a file may derive."
 
 
 def file_name(name: str) -> str:

@@ -108,6 +108,8 @@ def _not_reached(*given, **named):
     ("arguments", "reason"),
     [
         (["demo", "nowhere"], "no scene 'nowhere'; choose elastic-stop"),
+        (["demo", "newtons-cradle"], "no scene 'newtons-cradle'; choose elastic-stop"),
+        (["demo", "newtons-cradle"], "A NewtonsCradle of any size is made in Python"),
         (["demo", "--tolerance", "0"], "tolerance must lie between"),
         (["demo", "--tolerance", "small"], "valid number"),
         (["demo", "--output", "motion.doc"], "must end in one of"),
