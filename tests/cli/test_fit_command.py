@@ -32,6 +32,16 @@ def test_a_scene_of_one_s_own_is_fitted_from_a_file(tmp_path, capsys):
     assert (tmp_path / "fit.png").stat().st_size > 10_000
 
 
+def test_the_column_of_times_is_told_by_name(monkeypatch, tmp_path):
+    """Assert that `--time` reaches the reader, and that units are left to it."""
+    record, taken = tmp_path / "record.csv", []
+    record.write_text("when,q0 [m]\n0.1,0.2\n")
+    monkeypatch.setattr("hybridsens.estimation.fit", lambda scene, data, **named: taken.append(data) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        fit("elastic-stop", record, "distance", time="when")
+    assert taken[0].names == ("q0 [m]",) and taken[0].times == [0.1]
+
+
 def test_what_is_not_there_is_named():
     """Assert that an unknown scene, file and bound are errors that say what is wrong."""
     for scene, message in (("no-such", "there is no scene"), ("none.py:Scene", "there is no file none.py")):

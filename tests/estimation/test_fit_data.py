@@ -79,8 +79,8 @@ def test_what_could_be_read_in_two_ways():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("Time,q0\n0.1,1\n", "times \"t\" or \"time\", but has .*'Time', 'q0'.*read_measurements.data, time='Time'."),
-        ("s,q0\n0.1,1\n", "times \"t\" or \"time\", but has .*'s', 'q0'.*time='name'"),
+        ("Time,q0\n0.1,1\n", "times \"t\" or \"time\" .s., but has .*'Time', 'q0'.*read_measurements.data, time='Time'."),
+        ("s,q0\n0.1,1\n", "times \"t\" or \"time\" .s., but has .*'s', 'q0'.*time='name'"),
         ("t,q0,\n0.1,1,\n", "a name for each column, but has an unnamed column in 't,q0,': .*remove the comma"),
         ("t,q0,,\n0.1,1,,\n", "an unnamed column in 't,q0,,'"),
         ("t,q0\n0.1,1,\n", "row 0 .* must have 2 cells, but has 3, the last one empty"),
