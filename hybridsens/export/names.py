@@ -14,8 +14,8 @@ def coordinate_names(scene: Any, dof: int) -> tuple[list[str], list[str]]:
         return [f"q[{i}]" for i in range(dof)], [f"v[{i}]" for i in range(dof)]
     if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != dof:
         raise ValueError(
-            f"`coordinates` of {type(scene).__name__} must be a tuple of {dof} names, one for each entry of q, but is "
-            f"{given!r}."
+            f"`coordinates` of {type(scene).__name__} must be a tuple of {_names(dof)}, one for each entry of q, but "
+            f"is {given!r}."
         )
     return list(given), [_rate(name) for name in given]
 
@@ -29,6 +29,10 @@ def _rate(name: str) -> str:
     return f"{found[1]} rate [{unit}]"
 
 
+def _names(count: int) -> str:
+    return f"{count} name{'' if count == 1 else 's'}"
+
+
 def contact_names(scene: Any, count: int) -> list[str]:
     """Names of the contacts: those of the scene's `contacts`, or their numbers.
 
@@ -38,7 +42,7 @@ def contact_names(scene: Any, count: int) -> list[str]:
         return [str(i) for i in range(count)]
     if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != count:
         raise ValueError(
-            f"`contacts` of {type(scene).__name__} must be a tuple of {count} names, one for each gap, but is "
+            f"`contacts` of {type(scene).__name__} must be a tuple of {_names(count)}, one for each gap, but is "
             f"{given!r}."
         )
     return list(given)
