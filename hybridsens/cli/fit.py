@@ -75,6 +75,7 @@ def _summary(result: Any) -> dict[str, Any]:
         "converged": result.converged, "stopped": result.stopped, "iterations": result.iterations,
         "loss": result.loss, "noise": result.uncertainty.noise, "on_bound": result.on_bound,
         "residual_correlation": result.residual_correlation,
+        "undetermined": result.undetermined, "remarks": result.remarks,
         "parameters": [
             dict(name=name, guess=guess, value=value, standard_error=errors[name], interval_95=intervals[name])
             for name, guess, value in values

@@ -106,6 +106,22 @@ def test_a_class_that_does_not_say_where_it_starts_is_one_line(tmp_path, capsys)
     assert "own.py:Falling must have a method `initial_state(self)`" in printed
 
 
+def test_json_has_the_doubts_of_the_report(tmp_path, capsys):
+    """Assert that a parameter on which nothing depends is undetermined, and that heights in mm, which no speed
+    explains, are remarked upon; the same in m are not."""
+    module, record = tmp_path / "own.py", tmp_path / "record.csv"
+    module.write_text(f"{_FALLING}    idle: jax.Array = 1.0\n    def initial_state(self): return 1.0\n")
+    for unit, told in ((1000, True), (1, False)):
+        rows = [f"{t},{unit * (1 - 0.5 * t + 0.01 * (-1) ** i)}\n" for i, t in enumerate((0.1, 0.2, 0.3, 0.4))]
+        record.write_text("t,x\n" + "".join(rows))
+        asked = ["--data", str(record), "--parameters", "speed,idle", "--json"]
+        assert run(["fit", f"{module}:Falling", *asked]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["undetermined"] == ["idle"] and found["parameters"][1]["interval_95"] == [None, None]
+        assert "not determined by the data: idle, since" in found["remarks"][0]
+        assert any("residuals of x are as large" in remark for remark in found["remarks"]) == told
+
+
 def test_a_file_without_a_class_is_answered_with_those_that_it_has(tmp_path):
     """Assert that it is told to write own.py:Class, and which classes there are."""
     module = tmp_path / "own.py"
