@@ -21,9 +21,14 @@ from .validation.direction import not_differentiable
 from .validation.spelling import did_you_mean
 
 
+def finest_tolerance(dtype) -> float:
+    """The tightest relative tolerance that a floating point type can meet: 16 eps."""
+    return 16 * float(jnp.finfo(dtype).eps)
+
+
 def _tolerances(rtol, atol, dtype):
     """Tolerances that the floating point type can meet."""
-    finest = 16 * float(jnp.finfo(dtype).eps)
+    finest = finest_tolerance(dtype)
     if isinstance(rtol, jax.Array) or isinstance(atol, jax.Array):
         return _raised(rtol, finest), _raised(atol, finest) if dtype == jnp.float32 else atol
     atol = max(atol, float(jnp.finfo(dtype).tiny) ** 0.5)  # the error norm squares an error over it

@@ -1,6 +1,5 @@
 """`hybridsens demo`: a motion, its functional's gradient by three methods, and a picture."""
 
-import inspect
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,12 +16,11 @@ from ..mechanics.mode import EventKind
 from ..mechanics.trajectory import Trajectory
 from ..plot import plot_gradients, plot_trajectory
 from ..plot.solution import draw_solution
-from ..scenes import ShippedScene
 from ..solution import MOST_ROWS, Solution, SolutionEvents
 from ..status import Status
-from ..systems import ShippedSystem
 from ..waiting import waiting
 from .as_json import Json, print_json
+from .class_texts import text
 from .models import HELP, complete, file_name, runnable
 from .options import picture_to_write
 
@@ -53,9 +51,10 @@ def demo(
     print(f"picture: {output}", file=sys.stderr if json else sys.stdout)
 
 
-def _print(name: str, scene: ShippedScene | ShippedSystem, shown: Demonstration) -> None:
+def _print(name: str, scene: Any, shown: Demonstration) -> None:
     console = Console(width=WIDTH, highlight=False)
-    console.print(f"{name}: {inspect.getdoc(scene)}\n", markup=False)
+    about = text(type(scene))
+    console.print(f"{name}: {about}\n" if about else f"{name}\n", markup=False)
     _print_events(console, shown.trajectory)
     _print_gradients(console, shown)
     _print_timings(console, shown)
@@ -138,13 +137,13 @@ def _print_timings(console: Console, shown: Demonstration) -> None:
     console.print(table)
 
 
-def _picture(name: str, scene: ShippedScene | ShippedSystem, shown: Demonstration) -> Figure:
+def _picture(name: str, scene: Any, shown: Demonstration) -> Figure:
     """The motion to the left, the gradients to the right."""
     figure = Figure(figsize=(12, 5.5), layout="constrained")
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[1.6, 1])[0]
     if isinstance(shown.trajectory, Solution):
         draw_solution(shown.trajectory, left)
-    elif isinstance(scene, ShippedScene):
+    else:
         plot_trajectory(scene, shown.trajectory, list(left.subplots(3, 1, sharex=True, height_ratios=[3, 3, 1])))
     axes = right.subplots()
     gradients = {"jump adjoint": shown.adjoint, "differences": shown.differences, "naive autodiff": shown.naive}

@@ -15,6 +15,7 @@ def fit(
     scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)],
     data: Annotated[Path, typer.Option(help="CSV file with a header: t, then columns q0, v0, ...; sigma_q0, ...")],
     parameters: Annotated[str, typer.Option(help="What to fit: a,b,...")],
+    time: Annotated[str, typer.Option(help="The column of times. Default: t or time.")] = "",
     columns: Annotated[str, typer.Option(help="Columns to use: q0,v0,... Default: all.")] = "",
     guess: Annotated[list[str] | None, typer.Option(help="NAME=VALUE, the scene's default otherwise.")] = None,
     bound: Annotated[list[str] | None, typer.Option(help="NAME=LO:HI, an end may be empty; NAME=positive.")] = None,
@@ -47,7 +48,7 @@ def fit(
     from ..estimation import fit as run_fit
 
     names = _split(columns)
-    record = read_measurements(data, columns=names or None, sigma=sigma,
+    record = read_measurements(data, time=time or None, columns=names or None, sigma=sigma,
                                missing="skip" if skip_missing else "raise")  # fmt: skip
     result = run_fit(
         _with_guess(startable(scene), guess or []), record, parameters=_split(parameters),
@@ -74,6 +75,7 @@ def _summary(result: Any) -> dict[str, Any]:
         "converged": result.converged, "stopped": result.stopped, "iterations": result.iterations,
         "loss": result.loss, "noise": result.uncertainty.noise, "on_bound": result.on_bound,
         "residual_correlation": result.residual_correlation,
+        "undetermined": result.undetermined, "remarks": result.remarks,
         "parameters": [
             dict(name=name, guess=guess, value=value, standard_error=errors[name], interval_95=intervals[name])
             for name, guess, value in values

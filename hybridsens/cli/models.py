@@ -1,5 +1,6 @@
 """Scenes and systems by name: a ready-made one, or a class of the user's own in a file."""
 
+import contextlib
 import importlib.util
 import inspect
 import sys
@@ -8,13 +9,14 @@ from typing import Any
 
 import typer
 
+from .. import scenes
+from ..comparison.functional import what_is_missing
 from ..mechanics.scene import AbstractScene
-from ..scenes import SCENES
 from ..system import AbstractHybridSystem
 from ..systems import SYSTEMS
 from ..validation.spelling import did_you_mean
 
-READY_MADE: dict[str, Any] = {**SCENES, **SYSTEMS}
+READY_MADE: dict[str, Any] = {**scenes.SCENES, **SYSTEMS}
 """Name -> class."""
 HELP = "A name from `hybridsens scenes`, or path/to/file.py:Class for a scene or a system of your own."
 
@@ -35,7 +37,7 @@ def model(name: str) -> Any:
     if not file:
         raise typer.BadParameter(
             f"there is no scene {name!r}; choose {', '.join(READY_MADE)} or path/to/file.py:Class."
-            f"{did_you_mean(name, READY_MADE)}"
+            f"{_made_in_python(name) or did_you_mean(name, READY_MADE)}"
         )
     if not Path(file).is_file():
         raise typer.BadParameter(f"there is no file {file}")
@@ -48,6 +50,14 @@ def model(name: str) -> Any:
         raise typer.BadParameter(
             f"{class_name} of {file} must be made by {class_name}(), which raises {type(error).__name__}: {error}"
         ) from error
+
+
+def _made_in_python(name: str) -> str:
+    """What to say of newtons-cradle: the scenes of any size have no name here."""
+    of = name.title().replace("-", "")
+    if not isinstance(getattr(scenes, of, None), type):
+        return ""
+    return f" A {of} of any size is made in Python: hybridsens.scenes.{of}, from which a class in a file may derive."
 
 
 def file_name(name: str) -> str:
@@ -68,7 +78,7 @@ def startable(name: str) -> Any:
 def runnable(name: str) -> Any:
     """A model that says by itself where it starts, how long it runs and what it costs."""
     found = model(name)
-    missing = [part for part in ("initial_state", "t1", "running_cost") if not hasattr(found, part)]
+    missing = what_is_missing(found)
     if missing:
         raise typer.BadParameter(
             f"{name} must have {', '.join(missing)}: derive it from hybridsens.scenes.ShippedScene or "
@@ -105,5 +115,6 @@ def _load(path: Path) -> Any:
         raise typer.BadParameter(f"{path} must be a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # where Python looks for the source of its classes
-    spec.loader.exec_module(module)
+    with contextlib.redirect_stdout(sys.stderr):  # what the file prints is none of the command's output
+        spec.loader.exec_module(module)
     return module

@@ -1,6 +1,5 @@
 """`hybridsens scenes`: what there is to run, and what can be varied in it."""
 
-import inspect
 import textwrap
 from typing import Annotated, Any
 
@@ -9,6 +8,7 @@ import typer
 from ..scenes import SCENES
 from ..systems import SYSTEMS
 from .as_json import Json, print_json
+from .class_texts import about, text
 from .models import complete, model
 from .parameter_texts import ParameterText, parameter_texts
 
@@ -34,19 +34,7 @@ def scenes(
 
 def _described(name: str) -> dict[str, Any]:
     of = model(name)
-    return {"name": name, "about": _about(type(of)), "t1": getattr(of, "t1", None), "parameters": parameter_texts(of)}
-
-
-def _about(of: type) -> str:
-    """The first line of its module: what it is; its own text where the module has none."""
-    text = inspect.getdoc(inspect.getmodule(of)) if inspect.getmodule(of) is not None else None
-    return (text or _text(of)).partition("\n")[0]
-
-
-def _text(of: type) -> str:
-    """The text of a class; empty where it has only the signature that Python puts in its place."""
-    text = inspect.getdoc(of) or ""
-    return "" if text.startswith(f"{of.__name__}(") else text
+    return {"name": name, "about": about(type(of)), "t1": getattr(of, "t1", None), "parameters": parameter_texts(of)}
 
 
 def _print_all() -> None:
@@ -54,17 +42,19 @@ def _print_all() -> None:
     for heading, models in (("mechanical scenes", SCENES), ("hybrid systems", SYSTEMS)):
         print(f"{heading}:")
         for name, of in models.items():
-            print(textwrap.fill(f"{f'  {name}':<{width}}{_about(of)}", WIDTH, subsequent_indent=" " * width))
+            print(textwrap.fill(f"{f'  {name}':<{width}}{about(of)}", WIDTH, subsequent_indent=" " * width))
     print("\n`hybridsens scenes NAME` lists the parameters of one.")
 
 
 def _print_one(name: str) -> None:
     of = model(name)
-    print(textwrap.fill(f"{name}: {_about(type(of)) or type(of).__name__}", WIDTH) + "\n")
-    for paragraph in filter(None, _text(type(of)).split("\n\n")):
+    first, paragraphs = about(type(of)), text(type(of)).split("\n\n")
+    if paragraphs[0].startswith(first):  # where the module has no text, the class speaks for it
+        first = paragraphs.pop(0)
+    for paragraph in (f"{name}: {first or type(of).__name__}", *filter(None, paragraphs)):
         print(textwrap.fill(paragraph, WIDTH) + "\n")
     rows = parameter_texts(of)
-    width = max([len(row.name) for row in rows], default=0) + 2
+    width = max(map(len, ["parameter", *(row.name for row in rows)])) + 2
     print(f"{'parameter':<{width}} {'default':<12} {'unit':<8} meaning")
     for row in rows:
         first = f"{row.name:<{width}} {_default(row):<12} {row.unit:<8} {row.about}"

@@ -11,11 +11,9 @@ from jaxtyping import Bool, Float
 
 from ..mechanics.trajectory import Trajectory
 from ..parameters import flatten_parameters
-from ..scenes import ShippedScene
 from ..solution import Solution
 from ..status import Status
 from ..system import AbstractHybridSystem
-from ..systems import ShippedSystem
 from .baselines import where_transition
 from .finite_differences import finite_differences
 from .functional import ready_made_motion
@@ -58,10 +56,9 @@ class Demonstration(NamedTuple):
     """By what was run."""
 
 
-def demonstrate(
-    scene: ShippedScene | ShippedSystem, *, tolerance: float = 1e-8, naive_steps: int = 20_000
-) -> Demonstration:
-    """Run a scene and differentiate its functional by the jump adjoint, by differences and naively.
+def demonstrate(scene: Any, *, tolerance: float = 1e-8, naive_steps: int = 20_000) -> Demonstration:
+    """Run a scene or a system, ready-made or one's own, and differentiate its functional by the jump adjoint, by
+    differences and naively.
 
     Raises: SimulationError if the motion does not reach its end; ValueError for a setting that `simulate` refuses.
     """

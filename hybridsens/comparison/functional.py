@@ -14,11 +14,10 @@ from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
 from ..outcome import SimulationError
 from ..parameters import FlatParameters
-from ..scenes import ShippedScene
 from ..settings import Settings
 from ..solution import Solution
 from ..status import Status
-from ..systems import ShippedSystem
+from ..system import AbstractHybridSystem
 from ..validation.asked import kind_of
 from ..validation.direction import FORWARD_ONLY, REVERSE_ONLY
 
@@ -26,6 +25,10 @@ Cost = Callable[..., Any]
 """cost(scene, simulate) -> scalar, or cost(system, solve). The second argument stands for `hybridsens.simulate` or
 `hybridsens.solve` with the settings of the method under study bound: the cost passes it the scene, the state, the
 horizon and what it wants back, but no settings."""
+
+
+NEEDED = ("initial_state", "t1", "running_cost")
+"""What a scene or a system has where no cost is given: where it starts, how long it runs, what it costs."""
 
 
 class Reported(NamedTuple):
@@ -41,18 +44,23 @@ def running_cost_functional(scene, simulate):
     return ready_made_motion(scene, simulate).cost
 
 
-def ready_made_motion(scene, simulate, **settings):
+def ready_made_motion(scene: Any, simulate, **settings):
     """The motion of a ready-made scene or system, with its running cost; `settings` replace its own."""
-    start = (scene.initial_state(),)
-    if isinstance(scene, ShippedSystem) or has_switches(scene):
-        start = (*start, scene.initial_mode())
+    start = (scene.initial_state(), *_mode(scene))
     running_cost = lambda scene, *instant: scene.running_cost(*instant)
     return simulate(scene, *start, **(dict(t1=scene.t1, running_cost=running_cost) | settings))
 
 
+def _mode(scene: Any) -> tuple:
+    """The mode in which it starts, where it has modes: None where it does not say which."""
+    if not (isinstance(scene, AbstractHybridSystem) or has_switches(scene)):
+        return ()
+    return (getattr(scene, "initial_mode", lambda: None)(),)
+
+
 def choose_cost(scene, cost: Any) -> Cost:
-    """The cost given, or a ready-made scene's own. Raises: TypeError where there is neither, or one of other
-    arguments."""
+    """The cost given, or that of a scene that has all that is `NEEDED`. Raises: TypeError where there is neither, or
+    one of other arguments."""
     if isinstance(scene, type):
         raise TypeError(f"`scene` must be a scene or a system, but is {kind_of(scene)}.")
     if callable(scene) and cost is not None and not callable(cost):
@@ -64,9 +72,18 @@ def choose_cost(scene, cost: Any) -> Cost:
     if cost is not None:
         _must_take_both(scene, cost)
         return cost
-    if not isinstance(scene, ShippedScene | ShippedSystem):
-        raise TypeError(f"`cost` must be given for a {type(scene).__name__}: cost(scene, simulate) -> scalar.")
+    missing = what_is_missing(scene)
+    if missing:
+        raise TypeError(
+            f"`cost` must be given for a {type(scene).__name__}, which has no {', '.join(missing)}: "
+            "cost(scene, simulate) -> scalar."
+        )
     return running_cost_functional
+
+
+def what_is_missing(scene) -> list[str]:
+    """What is `NEEDED` and a scene or a system does not have."""
+    return [name for name in NEEDED if not hasattr(scene, name)]
 
 
 def _must_take_both(scene, cost: Cost) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, ForwardSensitivities, Replay
 from ..parameters import FlatParameters, flatten_parameters
-from ..settings import Settings, chosen_settings
+from ..settings import Settings, chosen_settings, finest_tolerance
 from ..waiting import counted
 from .compare import Reference, relative_error, tight_reference
 from .differentiate import value_and_gradient
@@ -62,7 +62,8 @@ def work_precision(
 
     - `scene`, `cost`, `reference`: as for `compare`.
     - `solvers`, `tolerances` (rtol = atol), `methods` (as for `adjoint=`), `dtypes` ("float64",
-      "float32"): what is combined. A `ContinuousCostate()` is integrated at the tolerance of the motion.
+      "float32"): what is combined, without tolerances that a dtype cannot meet. A `ContinuousCostate()` is integrated
+      at the tolerance of the motion.
     - `store`: a .csv file that each point is in as soon as it is finished. If it is there already, the
       study goes on from its points, which are not measured again. It must be of the same J and settings.
     - `progress`: show a bar. Ctrl-C ends the run and keeps the points that are finished.
@@ -88,7 +89,8 @@ def work_precision(
     reference = reference or tight_reference(flatten_parameters(scene), cost, chosen)
     points = [] if path is None else list(read_points(path, reference.value, chosen))
     combinations = itertools.product(dtypes, solvers, methods)
-    lines = _missing([Line(*combined, tolerances) for combined in combinations], points)
+    lines = _missing([Line(*combined, _met(tolerances, combined[0])) for combined in combinations], points)
+    beyond = tuple(dtype for dtype in dtypes if _met(tolerances, dtype) != tolerances)
     measure = lambda line: measure_line(scene, cost, line, reference, chosen)
     try:
         for point in _with_progress(lines, measure, progress):
@@ -96,14 +98,19 @@ def work_precision(
             if path is not None:
                 write_points(path, points, reference.value, chosen)
     except KeyboardInterrupt:
-        return WorkPrecision(tuple(points), interrupted=True)
-    return WorkPrecision(tuple(points))
+        return WorkPrecision(tuple(points), True, beyond)
+    return WorkPrecision(tuple(points), False, beyond)
 
 
 def _listed(name: str, entries: Any) -> tuple:
     if isinstance(entries, str) or not isinstance(entries, Iterable):
         raise TypeError(f"`{name}` must be a list, but is {entries!r}. Write {name}=[{entries!r}].")
     return tuple(entries)
+
+
+def _met(tolerances: tuple[float, ...], dtype: str) -> tuple[float, ...]:
+    """Those that a dtype can meet: below them motions need ever more steps and gain nothing."""
+    return tuple(tolerance for tolerance in tolerances if tolerance >= finest_tolerance(dtype))
 
 
 def _missing(lines: list[Line], points: Sequence[Point]) -> list[Line]:

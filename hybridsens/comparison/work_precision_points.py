@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..export.html import preformatted
+from ..settings import finest_tolerance
 
 TARGETS = (1e-4, 1e-6, 1e-8)
 """Gradient errors that a printed study gives advice for."""
@@ -42,6 +43,8 @@ class WorkPrecision(NamedTuple):
     """One for each method, solver and tolerance."""
     interrupted: bool = False
     """Whether Ctrl-C ended the run: the points are those that were finished."""
+    beyond: tuple[str, ...] = ()
+    """Dtypes that cannot meet all of the tolerances: they have no points of the tightest."""
 
     def pareto(self, error: str = "gradient_error") -> list[Point]:
         """Points that no other point beats in both time and error, the fastest first."""
@@ -68,6 +71,7 @@ class WorkPrecision(NamedTuple):
             numbers = f"{point.value_error:>11.1e}{point.gradient_error:>13.1e}{1e3 * point.seconds:>9.3f} ms"
             mark = "* " if point in front else "  "
             lines.append(f"{mark}{point.label:{width}}" + (f"  failed: {point.failure}" if point.failure else numbers))
+        lines += [f"  (no {t} below {finest_tolerance(t):.1e}: it cannot meet such tolerances)" for t in self.beyond]
         lines += ["  (interrupted: the remaining points were not run)"] if self.interrupted else []
         lines.append("* no other point is both faster and more accurate")
         return "\n".join([*lines, *map(self.advice, TARGETS)])

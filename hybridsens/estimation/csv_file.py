@@ -12,12 +12,13 @@ _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 def read_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns of a CSV file with a header; empty cells are NaN, lines that start with # are comments.
 
-    Raises: ValueError, naming the file, if it is a folder, is not UTF-8, has other separators than commas, two columns
-    of one name or a column of none, or a cell that is no number.
+    Raises: FileNotFoundError if there is none; ValueError, naming the file, if it is a folder, is not UTF-8, has other
+    separators than commas, two columns of one name or a column of none, or a cell that is no number.
     """
     lines = [line for line in _text(path).splitlines() if line.strip() and line[0] != "#"]
     if len(lines) < 2:
-        raise ValueError(f"{path} must have a header and at least one row, but has {len(lines)} lines.")
+        has = f"{len(lines)} line{'' if len(lines) == 1 else 's'}"
+        raise ValueError(f"{path} must have a header and at least one row, but has {has}.")
     header, *rows = csv.reader(lines, skipinitialspace=True)
     header = [name.strip() for name in header]
     _check_separator(path, header)
@@ -42,6 +43,10 @@ def check_different(names: Iterable[str], where: str) -> None:
 def _text(path: Path) -> str:
     if path.is_dir():
         raise ValueError(f"`data` must be the path of a CSV file, but {path} is a folder. Name a file in it.")
+    if not path.exists():
+        raise FileNotFoundError(
+            f"`data` must be the path of a CSV file, but there is no file {path}. Give the path of one that is there."
+        )
     raw = path.read_bytes()
     try:
         text = raw.decode("utf-8-sig")

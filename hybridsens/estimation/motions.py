@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import diffrax
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..adjoint.methods import AbstractGradientMethod
@@ -120,22 +119,3 @@ def state_names(start: tuple) -> list[str]:
 def entries(state: tuple) -> Float[Array, "entry"]:
     """The entries of (q, v) or of (x,) in the order of `state_names`."""
     return flatten_parameters(state).vector if len(state) == 1 else jnp.concatenate(state)
-
-
-def picks(names, start: tuple) -> tuple[int, ...]:
-    """Which entries of the state the columns are.
-
-    Raises: ValueError for a column that has no such name."""
-    known = state_names(start)
-    spelt = {"q": "q0", "v": "v0"} if isinstance(start[0], State) else {}
-    choices = ", ".join(known) if len(known) <= 8 else f"{known[0]} ... {known[-1]}"
-    places = []
-    for name in names:
-        plain = spelt.get(name, name.replace("[", "").replace("]", "").replace("_", "") if spelt else name)
-        if plain not in known:
-            raise ValueError(
-                f"Without `observe`, columns must be named after the state ({choices}), but there is {name!r}. "
-                "Choose among them with `columns`, or say with `observe` what was measured."
-            )
-        places.append(known.index(plain))
-    return tuple(np.array(places, int).tolist())

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..mechanics.scene import State
 from ..validation.asked import Asked, kind_of
-from .motions import entries, picks
+from .column_names import picks
+from .motions import entries
 
 
 class StateObserver(eqx.Module):
@@ -45,7 +46,7 @@ def observer(observe: Callable[..., Any] | None, scene, start: tuple, names: tup
     if not names:
         return StateObserver(())
     if observe is None:
-        return StateObserver(picks(names, start))
+        return StateObserver(picks(names, scene, start))
     state = (start[0].q, start[0].v) if isinstance(start[0], State) else (jax.tree.map(jnp.asarray, start[0]),)
     form = "observe(scene, t, q, v)" if isinstance(start[0], State) else "observe(system, t, x)"
     seen = eqx.filter_eval_shape(Asked(form, observe), scene, jnp.zeros(()), *state)

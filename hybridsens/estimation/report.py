@@ -9,14 +9,21 @@ from scipy import stats
 from .descend import UNFINISHED
 from .history import Sequence
 
+_BARELY = 0.9
+"""Residuals larger than this part of the data's spread leave less than a fifth of its variance to the model."""
 _EXACT = 1e-6
 """Residuals smaller than this part of the data are rounding, and alike from sample to sample."""
 
 
 def report(result: Any) -> str:
     """What `print` shows of a `FitResult`."""
-    rest = [*_events(result), *_directions(result), *_doubts(result)]
-    return "\n".join([*_head(result), "", *_parameters(result), "", *rest])
+    return "\n".join([*_head(result), "", *_parameters(result), "", *_events(result), *remarks(result)])
+
+
+def remarks(result: Any) -> list[str]:
+    """What is to be known beside the numbers, a sentence each: what the data do not determine, and what speaks against
+    the intervals."""
+    return [*_directions(result), *_doubts(result)]
 
 
 def _head(result: Any) -> Iterator[str]:
@@ -26,8 +33,8 @@ def _head(result: Any) -> Iterator[str]:
     )
     known, heard = (int(np.sum(np.isfinite(r))) for r in (result.residuals, result.event_residuals))
     yield (
-        f"{known} observations, {heard} event times; residual spread "
-        f"{result.uncertainty.noise:.4g}"
+        f"{known} observation{'' if known == 1 else 's'}, {heard} event time{'' if heard == 1 else 's'}; "
+        f"residual spread {result.uncertainty.noise:.4g}"
     )
     if result.stopped in UNFINISHED:
         yield _advice(result)
@@ -95,6 +102,7 @@ def _doubts(result: Any) -> Iterator[str]:
             "residuals are zero to rounding and no sigmas were given, so nothing tells how uncertain the data are, and "
             "there are no intervals: give `sigma`"
         )
+    yield from _unexplained(result)
     for number in result.events_missing:
         yield (
             f"measured event {number} (at {result.data.event_times[number]:.6g} s) is not in the fitted motion: it "
@@ -108,13 +116,35 @@ def _doubts(result: Any) -> Iterator[str]:
                 f"residuals of {name} are alike from sample to sample (correlation {correlation:.2f}): the model "
                 f"leaves something out, and the intervals are up to {_too_narrow(correlation):.1f} times too narrow"
             )
-    freedom, noise = result.uncertainty.freedom, result.uncertainty.noise
-    sigmas_given = np.isinf(result.uncertainty.quantile_freedom)
-    if sigmas_given and noise > 1.1 and stats.chi2.sf(freedom * noise**2, freedom) < 1e-6:
+    if _larger_than_sigmas(result):
+        noise = result.uncertainty.noise
         yield (
             f"residuals are {noise:.2g} times as large as their sigmas say: the model leaves something out, or the "
             "sigmas are too small; the intervals take them at their word"
         )
+
+
+def _unexplained(result: Any) -> Iterator[str]:
+    """Columns of which a constant would tell as much as the model; where sigmas allow for that, nothing moved."""
+    if np.isinf(result.uncertainty.quantile_freedom) and not _larger_than_sigmas(result):
+        return
+    for name, residuals, values in zip(result.data.names, result.residuals.T, result.data.values.T, strict=True):
+        known = np.isfinite(residuals)
+        if known.sum() < 3:
+            continue
+        size, spread = np.sqrt(np.mean(residuals[known] ** 2)), np.std(values[known])
+        if size > _BARELY * spread > 0:
+            yield (
+                f"residuals of {name} are as large ({size:.3g}) as the data's spread ({spread:.3g}): the model tells "
+                "hardly more than a constant. Look at the units, at the columns and at the guess"
+            )
+
+
+def _larger_than_sigmas(result: Any) -> bool:
+    """Whether sigmas were given, and the residuals are larger than they allow."""
+    freedom, noise = result.uncertainty.freedom, result.uncertainty.noise
+    sigmas_given = np.isinf(result.uncertainty.quantile_freedom)
+    return bool(sigmas_given and noise > 1.1 and stats.chi2.sf(freedom * noise**2, freedom) < 1e-6)
 
 
 def _too_narrow(correlation: float) -> float:

@@ -14,7 +14,7 @@ from .data import Measurements
 from .dataset import fit_dataset
 from .history import INTERRUPTED, Iteration, Sequence
 from .plot import plot_fit
-from .report import report
+from .report import remarks, report
 from .starts import Starts
 from .uncertainty import Uncertainty, half_width, neighbour_correlation, weak_directions
 
@@ -94,6 +94,17 @@ class FitResult(eqx.Module):
         """Column -> correlation of neighbouring residuals: about 0 for noise; near 1 where the model leaves something
         out, and then the intervals are too narrow. NaN for fewer than three."""
         return {name: neighbour_correlation(r) for name, r in zip(self.data.names, self.residuals.T, strict=True)}
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Parameters of which the data say nothing, each by itself or in a direction of several; their priors may."""
+        known = zip(self.labels, self.uncertainty.standard_errors, strict=True)
+        return tuple(label for label, error in known if np.isinf(error) or label in self.uncertainty.unseen)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences of the report: what the data do not determine, and what speaks against the intervals."""
+        return remarks(self)
 
     @property
     def iterations(self) -> int:

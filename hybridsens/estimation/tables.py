@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 
 from ..validation.spelling import did_you_mean
+from .column_names import split_unit
 from .csv_file import check_different, read_csv
 from .data import Measurements, measurements
 
 _SIGMA = "sigma_"
+_TIMES = ("t", "time", "t [s]", "time [s]")
+"""Names of times in the unit that a fit takes them in; in another unit they are converted by hand."""
 
 
 def read_measurements(
@@ -28,7 +31,7 @@ def read_measurements(
 
     - `data`: the path of a CSV file (UTF-8, commas, a header), a pandas DataFrame, an xarray Dataset or DataArray along
       one dimension, a mapping of names to columns, a pair (times, values), or Measurements, returned as they are.
-    - `time`: name of the time column; default "t" or "time".
+    - `time`: name of the time column, or of the index of a DataFrame; default "t", "time", "t [s]" or "time [s]".
     - `columns`: which columns are observed; default all but the time and those named `sigma_...`.
     - `sigma`: standard deviations; default the columns `sigma_<name>` if there is one for each observed column.
     - `missing`: "raise" on a NaN (an empty cell), or "skip" those entries.
@@ -43,7 +46,7 @@ def read_measurements(
     columns = [columns] if isinstance(columns, str) else columns
     if isinstance(data, tuple) and len(data) == 2:
         return measurements(*data, sigma=sigma, names=columns, missing=missing, **events)
-    table = _as_mapping(data)
+    table = _as_mapping(data, time)
     time = time or _time_column(table)
     names = _observed_columns(table, time, columns)
     if not names:
@@ -56,14 +59,19 @@ def read_measurements(
 
 def _time_column(table: Mapping[str, Any]) -> str:
     """Raises: ValueError if none has the name of one, with the name of that which may be it."""
-    known = next((name for name in ("t", "time") if name in table), None)
+    known = next((name for name in _TIMES if name in table), None)
     if known is None:
-        near = next((name for name in table if str(name).lower().startswith("time")), "name")
+        near = next((name for name in table if _is_near(str(name))), "name")
         raise ValueError(
-            f'The table must have a column of times "t" or "time", but has {list(table)}. Say which one it is: '
-            f"`read_measurements(data, time={near!r})`, or rename it."
+            f'The table must have a column of times "t" or "time" [s], but has {list(table)}. Say which one it is: '
+            f"`read_measurements(data, time={near!r})`, in a terminal --time {str(near)!r}, or rename it."
         )
     return known
+
+
+def _is_near(name: str) -> bool:
+    """Whether a column may be the times: by its name, and in no unit but seconds."""
+    return name.lower().startswith("time") and split_unit(name)[1] in (None, "s")
 
 
 def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str] | None) -> list[str]:
@@ -98,7 +106,7 @@ def _sigma_columns(table: Mapping[str, Any], names: Sequence[str]) -> np.ndarray
     return np.stack([np.asarray(table[_SIGMA + name], float) for name in names], axis=1)
 
 
-def _as_mapping(data: Any) -> Mapping[str, Any]:
+def _as_mapping(data: Any, time: str | None) -> Mapping[str, Any]:
     if isinstance(data, str | Path):
         return read_csv(Path(data))
     if hasattr(data, "data_vars") or hasattr(data, "coords"):
@@ -106,12 +114,22 @@ def _as_mapping(data: Any) -> Mapping[str, Any]:
     if isinstance(data, Mapping):
         return data
     if hasattr(data, "columns"):
-        check_different(map(str, data.columns), "The table")
-        return {str(name): data[name].to_numpy() for name in data.columns}
+        return _from_pandas(data, time)
     raise TypeError(
         "`data` must be the path of a CSV file, a pandas or xarray table, a mapping of columns, a pair (times, values) "
         f"or Measurements, but is {type(data).__name__}."
     )
+
+
+def _from_pandas(data: Any, time: str | None) -> dict[str, np.ndarray]:
+    """Columns of a DataFrame; first its index, where that is the time and no column is."""
+    check_different(map(str, data.columns), "The table")
+    columns = {str(name): data[name].to_numpy() for name in data.columns}
+    index: Any = getattr(data, "index", None)  # tables of other libraries have none
+    wanted = (time,) if time else () if any(name in columns for name in _TIMES) else _TIMES
+    if getattr(index, "name", None) not in wanted or index.to_numpy().dtype.kind not in "iuf":
+        return columns
+    return {index.name: index.to_numpy(), **columns}
 
 
 def _from_xarray(data: Any) -> dict[str, np.ndarray]:

@@ -21,8 +21,8 @@ def coordinate_names(scene: Any, dof: int) -> tuple[list[str], list[str]]:
         return [f"q[{i}]" for i in range(dof)], [f"v[{i}]" for i in range(dof)]
     if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != dof:
         raise ValueError(
-            f"`coordinates` of {type(scene).__name__} must be a tuple of {dof} names, one for each entry of q, but is "
-            f"{given!r}."
+            f"`coordinates` of {type(scene).__name__} must be a tuple of {_names(dof)}, one for each entry of q, but "
+            f"is {given!r}."
         )
     return list(given), [_rate(name) for name in given]
 
@@ -51,6 +51,10 @@ def names_of(dataset: Any) -> Names:
     return Names(tuple(coordinates) if named else None, tuple(contacts))
 
 
+def _names(count: int) -> str:
+    return f"{count} name{'' if count == 1 else 's'}"
+
+
 def contact_names(scene: Any, count: int) -> list[str]:
     """Names of the contacts: those of the scene's `contacts`, or their numbers.
 
@@ -60,7 +64,7 @@ def contact_names(scene: Any, count: int) -> list[str]:
         return [str(i) for i in range(count)]
     if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != count:
         raise ValueError(
-            f"`contacts` of {type(scene).__name__} must be a tuple of {count} names, one for each gap, but is "
+            f"`contacts` of {type(scene).__name__} must be a tuple of {_names(count)}, one for each gap, but is "
             f"{given!r}."
         )
     return list(given)

@@ -21,15 +21,36 @@ from tests.problems.stop_record import RECORD
 demo = import_module("hybridsens.cli.demo")
 FIT = ["fit", "elastic-stop", "--parameters", "mass", "--skip-missing", "--data", str(RECORD)]
 STUDIES = ("estimation.fit", "sweeps.sweep", "comparison.compare.compare", "comparison.work_precision.work_precision")
+PLAIN = """
+import hybridsens as hs, jax.numpy as jnp
+
+print("imported")
+
+class Plain(hs.AbstractScene):
+    d: float = 0.6
+    t1 = 1.0
+    def initial_state(self): return hs.State([0.0], [0.0])
+    def running_cost(self, t, q, v): return q @ q
+    def mass_matrix(self, q): return jnp.eye(1)
+    def force(self, t, q, v): return -q
+    def gap(self, t, q): return self.d - q
+    def restitution(self): return jnp.array([0.8])
+"""
+"""A file of one's own: no class or text of a ready-made scene, and words of its own."""
 SWEEP = ["sweep", "elastic-stop", "--vary", "mass=1:2:3"]
 
 
-def test_demo_shows_a_right_gradient_beside_a_wrong_one(monkeypatch, tmp_path, capsys):
+@pytest.fixture(scope="module")
+def shown():
+    """What `demo` computes, once."""
+    return demo.demonstrate(SCENES["elastic-stop"](), tolerance=1e-8)
+
+
+def test_demo_shows_a_right_gradient_beside_a_wrong_one(shown, monkeypatch, tmp_path, capsys):
     """The jump adjoint agrees with differences to 1e-7, naive autodiff is off by all of it, a picture is written.
 
     The table fits a terminal, and as JSON there are the same numbers and nothing else."""
-    shown = demo.demonstrate(SCENES["elastic-stop"](), tolerance=1e-8)
-    monkeypatch.setattr(demo, "demonstrate", lambda scene, tolerance: shown)  # computed once for both
+    monkeypatch.setattr(demo, "demonstrate", lambda scene, tolerance: shown)
     picture = tmp_path / "motion.png"
     monkeypatch.chdir(tmp_path)
     assert run(["demo", "--output", "motion.png"]) == 0
@@ -47,6 +68,18 @@ def test_demo_shows_a_right_gradient_beside_a_wrong_one(monkeypatch, tmp_path, c
     assert float(errors[1]) > 1
     assert len(re.findall(r"^ +\d+ +\S+ +impact", printed, re.MULTILINE)) == 5
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_demo_draws_the_motion_of_a_scene_of_ones_own(shown, monkeypatch, tmp_path, capsys):
+    """Assert that gaps, velocities and contacts stand beside the gradients of a class that derives from no ready-made
+    one; and that it is not described by the signature that Python puts in the place of a text."""
+    (tmp_path / "own.py").write_text(PLAIN)
+    monkeypatch.setattr(demo, "demonstrate", lambda scene, tolerance: shown)
+    monkeypatch.chdir(tmp_path)
+    assert run(["demo", "own.py:Plain", "--output", "own.svg"]) == 0
+    assert capsys.readouterr().out.startswith("own.py:Plain\n\n")
+    picture = (tmp_path / "own.svg").read_text()
+    assert all(f"<!-- {label} -->" in picture for label in ("gap", "velocity", "time [s]"))
 
 
 def test_demo_shows_a_hybrid_system(tmp_path, capsys):
@@ -75,6 +108,8 @@ def _not_reached(*given, **named):
     ("arguments", "reason"),
     [
         (["demo", "nowhere"], "no scene 'nowhere'; choose elastic-stop"),
+        (["demo", "newtons-cradle"], "no scene 'newtons-cradle'; choose elastic-stop"),
+        (["demo", "newtons-cradle"], "A NewtonsCradle of any size is made in Python"),
         (["demo", "--tolerance", "0"], "tolerance must lie between"),
         (["demo", "--tolerance", "small"], "valid number"),
         (["demo", "--output", "motion.doc"], "must end in one of"),

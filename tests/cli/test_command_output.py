@@ -70,6 +70,29 @@ def test_parameters_have_defaults_units_and_meanings(tmp_path, capsys):
     assert {"stiffness": "N/m"}.items() <= {entry["name"]: entry["unit"] for entry in own["parameters"]}.items()
 
 
+def test_what_a_file_prints_is_not_among_json(tmp_path, capsys):
+    """Assert that it goes to the error stream."""
+    file = tmp_path / "own.py"
+    file.write_text("from hybridsens.scenes import ElasticStop\n\nclass Own(ElasticStop): pass\n\nprint('a word')\n")
+    assert run(["scenes", f"{file}:Own", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert [entry["name"] for entry in json.loads(captured.out)] == [f"{file}:Own"]
+    assert captured.err == "a word\n"
+
+
+def test_a_class_of_ones_own_is_described_once_in_columns(tmp_path, monkeypatch, capsys):
+    """Assert that its text is its heading where its module has none, and that short names stand below their heading."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(
+        "import hybridsens as hs, jax\n\nclass Own(hs.AbstractScene):\n    '''A cart.\n\n    It rolls.'''\n"
+        "    m: jax.Array = 1.0\n    '''Of it.'''\n    mass_matrix = force = gap = restitution = lambda *given: given\n"
+    )
+    assert run(["scenes", "own.py:Own"]) == 0
+    first, _, more, _, heading, row = _lines(capsys)
+    assert (first, more) == ("own.py:Own: A cart.", "It rolls.")
+    assert heading.index("default") == row.index("1") and heading.index("meaning") == row.index("Of it")
+
+
 @pytest.mark.slow
 def test_check_prints_json_and_its_status(capsys):
     """The gradient of a ball is right: status 0."""

@@ -32,6 +32,16 @@ def test_a_scene_of_one_s_own_is_fitted_from_a_file(tmp_path, capsys):
     assert (tmp_path / "fit.png").stat().st_size > 10_000
 
 
+def test_the_column_of_times_is_told_by_name(monkeypatch, tmp_path):
+    """Assert that `--time` reaches the reader, and that units are left to it."""
+    record, taken = tmp_path / "record.csv", []
+    record.write_text("when,q0 [m]\n0.1,0.2\n")
+    monkeypatch.setattr("hybridsens.estimation.fit", lambda scene, data, **named: taken.append(data) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        fit("elastic-stop", record, "distance", time="when")
+    assert taken[0].names == ("q0 [m]",) and taken[0].times == [0.1]
+
+
 def test_what_is_not_there_is_named():
     """Assert that an unknown scene, file and bound are errors that say what is wrong."""
     for scene, message in (("no-such", "there is no scene"), ("none.py:Scene", "there is no file none.py")):
@@ -94,6 +104,22 @@ def test_a_class_that_does_not_say_where_it_starts_is_one_line(tmp_path, capsys)
     printed = capsys.readouterr().err
     assert status == 2 and printed.count("\n") == 1
     assert "own.py:Falling must have a method `initial_state(self)`" in printed
+
+
+def test_json_has_the_doubts_of_the_report(tmp_path, capsys):
+    """Assert that a parameter on which nothing depends is undetermined, and that heights in mm, which no speed
+    explains, are remarked upon; the same in m are not."""
+    module, record = tmp_path / "own.py", tmp_path / "record.csv"
+    module.write_text(f"{_FALLING}    idle: jax.Array = 1.0\n    def initial_state(self): return 1.0\n")
+    for unit, told in ((1000, True), (1, False)):
+        rows = [f"{t},{unit * (1 - 0.5 * t + 0.01 * (-1) ** i)}\n" for i, t in enumerate((0.1, 0.2, 0.3, 0.4))]
+        record.write_text("t,x\n" + "".join(rows))
+        asked = ["--data", str(record), "--parameters", "speed,idle", "--json"]
+        assert run(["fit", f"{module}:Falling", *asked]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["undetermined"] == ["idle"] and found["parameters"][1]["interval_95"] == [None, None]
+        assert "not determined by the data: idle, since" in found["remarks"][0]
+        assert any("residuals of x are as large" in remark for remark in found["remarks"]) == told
 
 
 def test_a_file_without_a_class_is_answered_with_those_that_it_has(tmp_path):

@@ -9,7 +9,9 @@ import pytest
 import hybridsens as hs
 from hybridsens.comparison.check_gradient import check_gradient
 from hybridsens.comparison.compare import compare
+from hybridsens.comparison.functional import choose_cost
 from tests.problems.hybrid_systems import Decay
+from tests.problems.sawtooth import Sawtooth
 
 
 def final(system, solve, **settings):
@@ -44,3 +46,27 @@ def test_settings_of_the_costs_own_are_refused_by_name(study, own):
     """Assert that they do not replace the study's in silence."""
     with pytest.raises(TypeError, match=f"must leave the settings .* but gives it {', '.join(own)}. Leave"):
         study(Decay(), functools.partial(final, **own), progress=False)
+
+
+class Timed(Sawtooth):
+    """Where it starts and how long it runs, but no cost."""
+
+    t1 = 0.4
+
+
+class Whole(Timed):
+    def running_cost(self, t, x, mode):
+        return x
+
+
+def test_a_class_of_ones_own_is_run_without_a_cost():
+    """Assert that it need not derive from a ready-made one, and has its mode None: int (top - slope t) dt."""
+    own = choose_cost(Whole(2.0, 1.0), None)
+    assert float(own(Whole(2.0, 1.0), hs.solve)) == pytest.approx(0.4 - 0.4**2)
+
+
+def test_what_a_class_of_ones_own_lacks_is_named():
+    """Assert that the message has the parts that are not there."""
+    for scene, missing in ((Timed(2.0, 1.0), "running_cost"), (Decay(), "initial_state, t1, running_cost")):
+        with pytest.raises(TypeError, match=f"`cost` must be given for a .*, which has no {missing}: cost"):
+            choose_cost(scene, None)

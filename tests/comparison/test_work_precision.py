@@ -158,6 +158,15 @@ def test_float32_is_float32_and_restores_double_precision(reference):
     assert scene().mass.dtype == np.float64
 
 
+def test_tolerances_that_a_precision_cannot_meet_are_left_out(reference, monkeypatch):
+    """Assert that float32 has points down to 1.9e-6, float64 has all, and that a line says so."""
+    monkeypatch.setattr(work_precision_module, "_measure", Meter())
+    asked = dict(tolerances=(1e-5, 1e-6, 1e-13), dtypes=("float64", "float32"), solvers=[diffrax.Tsit5()])
+    study = work_precision(scene(), **asked, methods=(hs.Replay(),), reference=reference, progress=False)
+    assert [point.tolerance for point in study.points] == [1e-5, 1e-6, 1e-13, 1e-5]
+    assert str(study).count("no float32 below 1.9e-06: it cannot meet such tolerances") == 1
+
+
 def test_a_setting_that_fails_is_a_point_with_its_reason(reference):
     """Eight steps are too few; the point says so and the advice does not use it."""
     room = ROOM | dict(max_steps=8)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import hybridsens
+from hybridsens.scenes import SCENES
 
 DOCS = Path(__file__).parents[2] / "docs"
 PYTHON, PRINTED = re.compile(r"```python\n(.*?)```", re.DOTALL), re.compile(r"```text\n(.*?)```", re.DOTALL)
@@ -75,3 +76,10 @@ def test_the_reference_lists_every_status():
         for name, text in zip(hybridsens.Status.names(), hybridsens.Status.messages(), strict=True)
     ]
     assert [row for row in rows if row not in page and "`running`" not in row] == []
+
+
+def test_the_reference_says_which_scenes_the_command_line_runs():
+    """Assert that it names those, and no others, in backquotes."""
+    page = (DOCS / "reference" / "scenes.md").read_text()
+    (sentence,) = re.findall(r"by name: (.*?)\.\s", page, re.DOTALL)
+    assert re.findall(r"`(.*?)`", sentence) == [*SCENES]

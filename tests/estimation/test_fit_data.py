@@ -79,8 +79,8 @@ def test_what_could_be_read_in_two_ways():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("Time,q0\n0.1,1\n", "times \"t\" or \"time\", but has .*'Time', 'q0'.*read_measurements.data, time='Time'."),
-        ("s,q0\n0.1,1\n", "times \"t\" or \"time\", but has .*'s', 'q0'.*time='name'"),
+        ("Time,q0\n0.1,1\n", "times \"t\" or \"time\" .s., but has .*'Time'.*read_measurements.data, time='Time'."),
+        ("s,q0\n0.1,1\n", "times \"t\" or \"time\" .s., but has .*'s', 'q0'.*time='name'"),
         ("t,q0,\n0.1,1,\n", "a name for each column, but has an unnamed column in 't,q0,': .*remove the comma"),
         ("t,q0,,\n0.1,1,,\n", "an unnamed column in 't,q0,,'"),
         ("t,q0\n0.1,1,\n", "row 0 .* must have 2 cells, but has 3, the last one empty"),
@@ -170,6 +170,10 @@ def test_a_file_in_another_format_is_named_with_the_way_out(tmp_path, content, m
 
 
 def test_a_folder_is_no_record(tmp_path):
-    """Assert that a folder given as data is an error that says so."""
+    """Assert that a folder given as data is an error that says so, as is a file that is not there, or has no rows."""
     with pytest.raises(ValueError, match="must be the path of a CSV file, but .* is a folder"):
         read_measurements(tmp_path)
+    with pytest.raises(FileNotFoundError, match="the path of a CSV file, but there is no file .*none.csv"):
+        read_measurements(tmp_path / "none.csv")
+    with pytest.raises(ValueError, match="a header and at least one row, but has 1 line.$"):
+        read_measurements(_write(tmp_path, "t,q0\n"))

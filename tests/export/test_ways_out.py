@@ -174,14 +174,17 @@ def test_a_motion_that_lost_its_scene_says_so(motion):
 
 
 def test_names_must_be_as_many_as_there_are():
-    """One name for two coordinates is an error."""
+    """One name for two coordinates is an error, and two for one."""
     from hybridsens.export.names import coordinate_names
 
     class Misnamed(StackedBalls):
         coordinates = ("low [m]",)
 
-    with pytest.raises(ValueError, match="tuple of 2 names"):
+    with pytest.raises(ValueError, match="tuple of 2 names, one for each entry"):
         coordinate_names(Misnamed(), 2)
+    Misnamed.coordinates = ("low [m]", "high [m]")
+    with pytest.raises(ValueError, match="tuple of 1 name, one for each entry"):
+        coordinate_names(Misnamed(), 1)
 
 
 def test_a_library_that_is_missing_is_named_with_its_extra():

@@ -1,0 +1,72 @@
+"""Which entry of the state a column is, and which column is the time: the names that this package writes are read."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hybridsens as hs
+from hybridsens.estimation import read_measurements
+from hybridsens.estimation.column_names import picks
+from hybridsens.scenes import BouncingBall
+
+START = (hs.State([1.0], [0.0]),)
+TIMES = np.array([0.1, 0.2, 0.4])
+
+
+def _motion_of(scene):
+    """A fall from 1, in two samples."""
+    return hs.simulate(scene, scene.initial_state(), t1=0.2, ts=jnp.array([0.1, 0.2]), max_events=8, max_steps=128)
+
+
+class Named(BouncingBall):
+    coordinates = ("height [m]",)
+
+
+@pytest.mark.parametrize("scene", [BouncingBall(), Named()], ids=["q[0]", "height [m]"])
+def test_the_tables_of_a_motion_are_measurements(scene, tmp_path):
+    """Assert that a DataFrame of `to_pandas()`, whose index is the time, and the CSV file made of it are those of q and
+    v."""
+    pytest.importorskip("pandas")
+    table = _motion_of(scene).to_pandas()
+    table.to_csv(tmp_path / "motion.csv")
+    for source in (table, tmp_path / "motion.csv"):
+        record = read_measurements(source)
+        np.testing.assert_array_equal(record.times, [0.1, 0.2])
+        np.testing.assert_array_equal(record.values, table.to_numpy())
+        assert picks(record.names, scene, START) == (0, 1)
+
+
+@pytest.mark.parametrize("name", ["height", "height [m]", "q", "q0", "q[0]", "q_0", "q0 [m]", "q[0] [m]"])
+def test_a_column_may_have_the_name_of_the_scene_and_a_unit(name):
+    """Assert that each is the first coordinate, and that its rate is the velocity."""
+    assert picks([name, "height rate", "height rate [m/s]"], Named(), START) == (0, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "coordinates", "message"),
+    [
+        ("height [mm]", ("height [m]",), "'height .mm.' must be in the scene's unit, .* 'height .m.', but is in mm"),
+        ("q0 [mm]", ("height [m]",), "'q0 .mm.' must be in the scene's unit, .* 'height .m.', but is in mm"),
+        ("width", ("height [m]",), r"after the state \(q0, v0; or height \[m\], height rate \[m/s\]\), .* is 'width'"),
+        ("v0", ("v0",), "but there is 'v0', which names two entries"),
+    ],
+)
+def test_a_column_of_another_unit_or_of_two_entries_is_refused(name, coordinates, message):
+    class Other(BouncingBall):
+        pass
+
+    Other.coordinates = coordinates
+    with pytest.raises(ValueError, match=message):
+        picks([name], Other(), START)
+
+
+def test_times_in_another_unit_or_in_no_number_are_not_guessed():
+    """Assert that milliseconds and dates are no times unless they are said to be; and that an index may be."""
+    pandas = pytest.importorskip("pandas")
+    with pytest.raises(ValueError, match="\"t\" or \"time\" .s., but has .'t .ms.', 'q0'.*time='name'"):
+        read_measurements({"t [ms]": TIMES, "q0": TIMES})
+    table = pandas.DataFrame({"q0": TIMES}, pandas.Index(TIMES, name="hours"))
+    np.testing.assert_array_equal(read_measurements(table, time="hours").times, TIMES)
+    table.index = pandas.date_range("2020-01-01", periods=3, name="time")
+    with pytest.raises(ValueError, match='must have a column of times "t" or "time"'):
+        read_measurements(table)
