@@ -129,8 +129,10 @@ def declared_jump_times(model: Any, jump_ts, dtype) -> Array | None:
     if jump_ts is None:
         return None
     times = real_array(name, jump_ts, 1, axis="jump")
-    if not isinstance(times, Tracer) and jnp.any(jnp.isnan(times)):
-        raise ValueError(f"`{name}` must hold times, but number {int(jnp.argmax(jnp.isnan(times)))} of them is nan.")
+    # Asked of NumPy: while a program is compiled, JAX's answer is traced though the times are known.
+    unknown = np.zeros(0, bool) if isinstance(times, Tracer) else np.isnan(times)
+    if unknown.any():
+        raise ValueError(f"`{name}` must hold times, but number {int(unknown.argmax())} of them is nan.")
     return times.astype(dtype)
 
 

@@ -101,3 +101,10 @@ def test_a_solver_around_another_serves(inner):
     solver = diffrax.HalfSolver(inner)
     final = lambda g: hs.solve(Ball(g, 0.8), jnp.array([1.0, 0.0]), t1=0.3, solver=solver, rtol=1e-6).final[0]
     assert_close(jax.value_and_grad(final)(9.81), (1 - 9.81 * 0.045, -0.045), 1e-9)
+
+
+def test_jump_times_that_are_known_may_be_given_while_a_program_is_compiled():
+    """They are numbers, though what JAX computes of them there is traced."""
+    known = jnp.array([0.25, 0.5])
+    final = lambda rate: hs.solve(Oscillator(rate), jnp.array([1.0, 0.0]), 0, t1=1.0, jump_ts=known).final
+    assert_close(jax.jit(final)(jnp.array(1.0)), final(jnp.array(1.0)), 1e-12)

@@ -92,7 +92,7 @@ class AbstractScene(eqx.Module):
         """Newton's coefficient of restitution of each contact, in [0, 1]."""
 
     def jump_times(self) -> Float[Array, "jump"] | None:
-        """Times at which a force or a gap has a kink or a jump (knots of a control, say): steps end there, and
+        """Times at which a force has a kink or a jump, or a gap a kink (knots of a control, say): steps end there, and
         gradients reach them. None, the default, for none."""
         return None
 

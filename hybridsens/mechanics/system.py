@@ -56,7 +56,7 @@ class MechanicalSystem(AbstractFlatSystem):
     depth: tuple[Any, Any] = (0.0, 0.0)
     """(relative, absolute) penetration that the tolerances can resolve: a touch less deep is grazing."""
     jump_ts: Float[Array, "jump"] | None = None
-    """Times at which a force or a gap has a kink or a jump."""
+    """Times at which a force has a kink or a jump, or a gap a kink."""
     free: bool = eqx.field(default=False, static=True)
     """Whether this is the system as it moves while every contact is open."""
 
