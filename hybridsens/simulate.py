@@ -76,9 +76,9 @@ def simulate(
     - `t0`, `t1`: horizon [s], t1 > t0.
     - `ts`: sorted times in [t0, t1] at which states are wanted; at an event's time, the state after it.
     - `jump_ts`: times at which a force or a running cost has a kink or a jump, or a gap a kink: knots of a control,
-      switching times, pulses; in any order. Those outside of the horizon do not matter. Steps end there, so that both sides are
-      integrated to tolerance, and gradients reach these times. Two that coincide count as one, and a derivative by
-      the time goes to the first of them. Default: `scene.jump_times()`.
+      switching times, pulses; in any order. Those outside of the horizon do not matter. Steps end there, so that both
+      sides are integrated to tolerance, and gradients reach these times. Two that coincide count as one, and a
+      derivative by the time goes to the first of them. Default: `scene.jump_times()`.
     - `running_cost`: `running_cost(scene, t, q, v)`, a scalar or a PyTree; its integral comes back as `.cost`. It is
       integrated as part of the state, under the same error control. That of a scene with switches is given the mode
       as a fifth argument.
