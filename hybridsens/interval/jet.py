@@ -203,6 +203,8 @@ def less_or_equal(a: Jet, b: Jet) -> Truth:
 def equal(a: Jet, b: Jet) -> Truth:
     """a == b"""
     x, y = a.value, b.value
+    if a is b:  # whether a number is none, as `jnp.logaddexp` asks
+        return Truth((x.low == x.low) & (x.high == x.high), jnp.ones_like(x.low, bool))
     sure = (x.low == x.high) & (y.low == y.high) & (x.low == y.low)
     return Truth(sure, ~((x.high < y.low) | (y.high < x.low)))
 

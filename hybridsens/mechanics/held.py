@@ -78,8 +78,8 @@ def search_way(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMo
         nothing = jnp.zeros(held.shape, path.t0.dtype)  # at its ends the motion is on its contacts
         ends = step._replace(guard0=nothing, rate0=nothing, guard1=nothing, rate1=nothing)
         found = search_gaps(off, path, ends, jnp.concatenate([slack, slack]), held, jnp.array(True))
-        leaves = jnp.isfinite(found.crossing) | (found.reached < 1)
-        return stays._replace(reached=jnp.where(leaves, 0.5, stays.reached))
+        # A search that is given up proves nothing: bounds of a corner that is rounded off are wide.
+        return stays._replace(reached=jnp.where(jnp.isfinite(found.crossing), 0.5, stays.reached))
 
     stays = Searched(jnp.full_like(path.t0, jnp.inf), jnp.ones_like(path.t0))
     return lax.cond(wanted & jnp.any(mode.active), look, lambda: stays)

@@ -35,6 +35,7 @@ FUNCTIONS = {
     "stacked cases": lambda x, y: WEIGHTS @ jnp.where(jnp.stack([x > 0.3, y < x, False]), jnp.stack([x, y, y]), 2 * x),
     "picked cases": lambda x, y: jnp.where(jnp.concatenate([x[None] > y, y[None] > 0.2])[::-1][WHICH[0]], x, x * y),
     "cases of cases": lambda x, y: jnp.where(jnp.where(x > y, x > 0.2, y > 0.1) == (y > 0.3), x, x * y),
+    "rounded corner": lambda x, y: jnp.logaddexp(3 * x, y + 0.2),
     "cases by constants": lambda x, y: jnp.where(jnp.where(MATRIX[0] > 0, x > y, y > 0), x, y) @ MATRIX[1],
     "branches": lambda x, y: jax.lax.switch(WHICH[0], [lambda: x + y, lambda: jnp.where(x > y, 1.0, x * y)]),
     "jumps": lambda x, y: jnp.sign(x) + jnp.floor(3 * y) + (x >= 0.5) * y,
