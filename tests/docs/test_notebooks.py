@@ -16,6 +16,9 @@ SOURCES = sorted(FOLDER.glob("*.py"))
 QUICK = {"first_bounce"}
 """The others are slow."""
 
+# Nobody draws the animations of the notebooks here; they may be collected during any later test.
+pytestmark = pytest.mark.filterwarnings("ignore:Animation was deleted:UserWarning")
+
 
 @pytest.fixture
 def run(monkeypatch, tmp_path):
@@ -71,14 +74,12 @@ def test_notebooks_are_small_and_are_listed():
         if name not in {"naive_gradients", "dropped_ball", "control_through_impacts"}
     ],
 )
-@pytest.mark.filterwarnings("ignore:Animation was deleted:UserWarning")  # only a notebook draws it
 def test_notebook_runs(name, run):
     """With what it asserts of its own numbers."""
     run(name)
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Animation was deleted:UserWarning")
 def test_the_bumper_helps(run):
     """Both controls lead to the same mark, one of them by an impact and with less effort; both descents descend."""
     shown = run("control_through_impacts")
