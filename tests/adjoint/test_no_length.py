@@ -9,6 +9,7 @@ from jax import Array
 
 import hybridsens as hs
 from tests.closeness import assert_close
+from tests.problems.hybrid_systems import Dosed
 
 WAYS = ["over reverse", "over forward"]
 
@@ -45,26 +46,6 @@ def test_neurons_that_fire_at_one_instant_have_second_derivatives_of_their_own(w
     alone = lambda current: current - current * jnp.exp(-1.5) * current / (current - 1)
     p = jnp.array([1.5, 1.5])
     assert_close(hessian(cost, way)(p), jnp.diag(jax.vmap(jax.hessian(alone))(p)), 1e-7)
-
-
-class Dosed(hs.AbstractHybridSystem):
-    """x' = -k x^2, with a dose d at a known time."""
-
-    k: Array
-    time: Array
-    dose: Array
-
-    def flow(self, t, x, mode):
-        return -self.k * x**2
-
-    def guards(self, t, x, mode):
-        return jnp.zeros(0)
-
-    def scheduled_times(self, x, mode):
-        return self.time[None]
-
-    def transition(self, event, t, x, mode):
-        return x + self.dose, mode
 
 
 @pytest.mark.parametrize("way", WAYS)

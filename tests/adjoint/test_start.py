@@ -6,6 +6,8 @@ import pytest
 
 import hybridsens as hs
 from tests.closeness import assert_close
+from tests.problems.balls import RestlessBall
+from tests.problems.hybrid_systems import Dosed
 
 METHODS = [hs.Replay(), hs.Replay(recompute=True), hs.ContinuousCostate(), hs.ForwardSensitivities()]
 
@@ -16,29 +18,10 @@ def slope(cost, t0, adjoint):
     return way(lambda t0: cost(t0, adjoint))(t0)
 
 
-class Thrown(hs.AbstractScene):
-    """A ball that begins on the floor, and moves into it."""
-
-    e: jax.Array
-    weight: jax.Array
-
-    def mass_matrix(self, q):
-        return jnp.eye(1)
-
-    def force(self, t, q, v):
-        return -self.weight[None]
-
-    def gap(self, t, q):
-        return q
-
-    def restitution(self):
-        return self.e[None]
-
-
 @pytest.mark.parametrize("adjoint", METHODS, ids=lambda method: type(method).__name__)
 def test_of_a_motion_that_begins_with_an_impact(adjoint):
     """u = e |v| at t0: q(t1) = u (t1 - t0) - g (t1 - t0)^2 / 2; the impact is at t0, with v before it and u after."""
-    ball, v, t1 = Thrown(jnp.array(0.6), jnp.array(9.0)), -4.0, 0.6
+    ball, v, t1 = RestlessBall(jnp.array(9.0), jnp.array(0.6)), -4.0, 0.6
 
     def cost(t0, adjoint):
         motion = hs.simulate(ball, hs.State([0.0], [v]), t0=t0, t1=t1, max_events=4, adjoint=adjoint)
@@ -52,31 +35,12 @@ def test_of_a_motion_that_begins_with_an_impact(adjoint):
     assert_close(slope(cost, t0, adjoint), jnp.array([fall, 1.0, 0.0, 0.0, 0.0]), 1e-7)
 
 
-class Dosed(hs.AbstractHybridSystem):
-    """x' = -k x^2, with a dose when the motion begins."""
-
-    k: jax.Array
-    at: jax.Array
-
-    def flow(self, t, x, mode):
-        return -self.k * x**2
-
-    def guards(self, t, x, mode):
-        return jnp.zeros(0)
-
-    def scheduled_times(self, x, mode):
-        return self.at[None]
-
-    def transition(self, event, t, x, mode):
-        return x + 2.0, mode
-
-
 @pytest.mark.parametrize("adjoint", METHODS, ids=lambda method: type(method).__name__)
 def test_of_a_system_whose_known_event_comes_at_the_start(adjoint):
     """The dose stays where t0 was: x falls from 1 before it, by k dt0 less where the motion begins later."""
 
     def cost(t0, adjoint):
-        system = Dosed(jnp.array(0.3), jnp.array(0.2))
+        system = Dosed(*jnp.array([0.3, 0.2, 2.0]))
         return hs.solve(system, 1.0, t0=t0, t1=1.0, rtol=1e-10, atol=1e-10, max_events=4, adjoint=adjoint).final
 
     def exact(t0):

@@ -133,3 +133,23 @@ class Decay(hs.AbstractHybridSystem):
 
     def transition(self, event, t, x, mode):
         return x, mode
+
+
+class Dosed(hs.AbstractHybridSystem):
+    """x' = -k x^2, with a dose d at a known time."""
+
+    k: Array
+    time: Array
+    dose: Array
+
+    def flow(self, t, x, mode):
+        return -self.k * x**2
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def scheduled_times(self, x, mode):
+        return self.time[None]
+
+    def transition(self, event, t, x, mode):
+        return x + self.dose, mode
