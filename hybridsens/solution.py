@@ -81,7 +81,8 @@ class Solution(eqx.Module):
                 "the motion is saved."
             )
         times = jax.numpy.asarray(ts, dtype=float)
-        must_lie_within(times, *self.again.horizon())
+        t0, t1 = self.again.horizon()
+        must_lie_within(times.astype(t1.dtype), t0, t1)
         order = jax.numpy.argsort(times, axis=None)
         found = self.again(with_room(times.ravel()[order])).x
         places = jax.numpy.argsort(order).reshape(times.shape)

@@ -75,12 +75,12 @@ class Status(eqx.Module):
     @staticmethod
     def names() -> tuple[str, ...]:
         """Names of all outcomes, in the order of their codes."""
-        return tuple(_MESSAGES)
+        return tuple(_OUTCOMES)
 
     @staticmethod
     def messages() -> tuple[str, ...]:
         """What each of them means, and what to do."""
-        return tuple(_MESSAGES.values())
+        return tuple(outcome.message for outcome in _OUTCOMES.values())
 
     @staticmethod
     def where(condition: Any, chosen: "Status", otherwise: "Status") -> "Status":
@@ -102,7 +102,7 @@ class Status(eqx.Module):
     @property
     def at_start(self) -> bool:
         """Whether the motion could not begin (of one motion whose status can be seen)."""
-        return Status.names()[int(self.code)] in _AT_START
+        return _OUTCOMES[Status.names()[int(self.code)]].at_start
 
     @property
     def reached_end(self) -> Bool[Array, "*batch"]:
@@ -134,8 +134,7 @@ class Status(eqx.Module):
         return f"Status<{self}>"
 
 
-_MESSAGES: dict[str, str] = {}
-_AT_START: set[str] = set()
+_OUTCOMES: dict[str, _Outcome] = {}
 
 
 def numbered(cls: type) -> type:
@@ -144,9 +143,8 @@ def numbered(cls: type) -> type:
     So whatever moves shares one kind of status, and any two of them can be compared and chosen from."""
     for name, value in list(vars(cls).items()):
         if isinstance(value, _Outcome):
-            status = Status(np.array(len(_MESSAGES), np.int32))
-            _MESSAGES[name] = value.message
-            _AT_START.update({name} if value.at_start else ())
+            status = Status(np.array(len(_OUTCOMES), np.int32))
+            _OUTCOMES[name] = value
             setattr(cls, name, status)
             setattr(Status, name, status)
     return cls
@@ -155,7 +153,7 @@ def numbered(cls: type) -> type:
 def add_remark(status: Status, text: str) -> None:
     """More to the message of an outcome, from a part of the package that knows more of it."""
     name = Status.names()[int(status.code)]
-    _MESSAGES[name] = f"{_MESSAGES[name]} {text}"
+    _OUTCOMES[name] = _OUTCOMES[name]._replace(message=f"{_OUTCOMES[name].message} {text}")
 
 
 numbered(Status)

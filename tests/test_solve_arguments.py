@@ -7,6 +7,7 @@ import pytest
 
 import hybridsens as hs
 from tests.closeness import assert_close
+from tests.problems.balls import RestlessBall
 from tests.problems.hybrid_systems import Ball, Oscillator
 
 
@@ -31,6 +32,16 @@ def test_transformations():
     for outside in (-0.1, 1.2, [0.2, 1.2], jnp.nan):
         with pytest.raises(ValueError, match=r"within \[t0, t1\] = \[0, 1\], but (-0.1|1.2|nan) does not"):
             made.evaluate(outside)
+
+
+def test_the_ends_of_a_motion_in_single_precision_lie_within_it():
+    """0.1 is larger there than in double precision."""
+    ball = Ball(*jnp.float32([9.81, 0.8]))
+    made = hs.solve(ball, jnp.float32([1.0, 0.0]), t0=0.1, t1=0.7, max_events=4, rtol=1e-5, atol=1e-5)
+    assert_close(made.evaluate([0.1, 0.7])[0, 0], 1.0, 1e-6)
+    start = hs.State(jnp.float32([1.0]), jnp.float32([0.0]))
+    motion = hs.simulate(RestlessBall(ball.g, ball.e), start, t0=0.1, t1=0.7, max_events=4, rtol=1e-5, atol=1e-5)
+    assert_close(motion.evaluate(jnp.float32([0.1, 0.7])).q[0], jnp.ones(1), 1e-6)
 
 
 @pytest.mark.parametrize(("times", "message"), [(0.5, r"\(jump,\)"), ([0.2, jnp.nan], "number 1 of them is nan")])

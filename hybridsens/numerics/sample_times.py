@@ -9,12 +9,15 @@ LEAST = 16
 
 
 def must_lie_within(times, t0, t1) -> None:
-    """Raise ValueError for a time outside of [t0, t1], and for one that is no number; nothing of traced ones."""
+    """Raise ValueError for a time outside of [t0, t1], in the type of the times, and for one that is no number; nothing
+    of traced ones."""
     if any(isinstance(given, jax.core.Tracer) for given in (times, t0, t1)):
         return
-    outside = np.ravel(~((np.asarray(times) >= t0) & (np.asarray(times) <= t1)))
+    times = np.ravel(times)
+    t0, t1 = (np.asarray(end, times.dtype) for end in (t0, t1))
+    outside = ~((times >= t0) & (times <= t1))
     if outside.any():
-        first = np.ravel(times)[outside.argmax()]
+        first = times[outside.argmax()]
         raise ValueError(f"Times must lie within [t0, t1] = [{t0:.9g}, {t1:.9g}], but {first:.9g} does not.")
 
 

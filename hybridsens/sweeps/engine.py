@@ -12,6 +12,7 @@ import numpy as np
 from jax import lax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from ..outcome import SimulationError
 from .point import Wanted, evaluate
 
 BATCH_AXIS = "batch"
@@ -77,7 +78,7 @@ class Engine:
 
     def _halve(self, error, batch):
         if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" not in str(error):
-            if "did not reach its end" in str(error) or "could not begin" in str(error):
+            if SimulationError.__name__ in str(error):  # JAX makes its own error of what a compiled program raises
                 error.add_note("A point of a sweep may fail by itself: write simulate(..., throw=False) in the cost.")
             raise error
         if batch <= self.mesh.size:

@@ -223,3 +223,12 @@ def test_what_does_not_fit_is_refused(call, error, words):
     """Assert that a cost, a name or a setting that a sweep cannot use raises at once and says what it must be."""
     with pytest.raises(error, match=words):
         call(grid({"a": jnp.array(1.0)}, {"a": [1.0, 2.0]}))
+
+
+def test_a_point_that_raises_says_what_to_do():
+    def thrown(ball):
+        return hybridsens.simulate(ball, ball.initial_state(), t1=T, max_events=4, max_steps=64).final.q[0]
+
+    with pytest.raises(jax.errors.JaxRuntimeError, match="penetrates") as caught:
+        sweep(thrown, grid(Ball(), {"height": [1.0, -1.0]}), progress=False)
+    assert any("throw=False" in note for note in caught.value.__notes__)
