@@ -54,7 +54,8 @@ def _knowledge(problem: Problem, data: Measurements, values, r, jacobian, held) 
     """How well the parameters are known, those that are held on a bound being none."""
     known, free = np.isfinite(np.concatenate([np.ravel(data.values), data.event_times])), ~held
     rounding = 0.0 if data.sigmas_known else _rounding(data, jacobian.dtype)
-    noise = Noise(data.sigmas_known, float(problem.robust), _largest(data), rounding)
+    scale = np.asarray(problem.selection.scale)[free]
+    noise = Noise(data.sigmas_known, float(problem.robust), _largest(data), rounding, scale)
     labels, weight = np.array(problem.selection.labels)[free].tolist(), np.asarray(problem.prior.weight)[free]
     return with_held(uncertainty(labels, values[free], r[known], jacobian[known][:, free], weight, noise), held)
 

@@ -46,6 +46,8 @@ class Noise(NamedTuple):
     """The largest datum in sigmas."""
     rounding: float = 0.0
     """A standard deviation of residuals that is no noise where no sigmas were given."""
+    scale: Float[np.ndarray, "parameter"] | float = 0.0
+    """Sizes that parameters have but for a value near 0, which tells none."""
 
 
 def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight, noise: Noise) -> Uncertainty:
@@ -59,12 +61,12 @@ def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight
     freedom = max(r.size - p.size, 1)
     seen = _noise(r, freedom, noise.robust)
     exact = not noise.sigmas_given and seen <= noise.rounding
-    size = np.where(p == 0, 1.0, np.abs(p))
+    size = np.maximum(np.abs(p), noise.scale)
+    size = np.where(size == 0, 1.0, size)
     unseen = np.max(np.abs(J * size), axis=0, initial=0) <= _ROUNDING * np.finfo(J.dtype).eps * noise.largest
     unit = 1.0 if noise.sigmas_given and np.isinf(noise.robust) else max(seen, noise.rounding)
     rows = np.vstack([np.where(unseen, 0, J) / (unit if unit > 0 else 1.0), np.diag(prior_weight)])
-    covariance, null = _inverse(rows * size)
-    covariance = covariance * np.outer(size, size)
+    covariance, null = _inverse(rows, size)
     correlation = _correlation(covariance)
     if exact:
         covariance = np.where(np.isinf(covariance), covariance, np.nan)
@@ -100,24 +102,29 @@ def _correlation(covariance: np.ndarray) -> np.ndarray:
         return covariance / np.outer(errors, errors)
 
 
-def _inverse(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(rows^T rows)^-1, with inf for what takes part in a null direction or has no rows, and the null directions."""
+def _inverse(rows: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(rows^T rows)^-1, with inf for what takes part in a null direction or has no rows, and the null directions,
+    relative to the sizes of the parameters."""
     told = np.any(rows != 0, axis=0)
     inverse, null = np.diag(np.where(told, 0, np.inf)), np.zeros((0, told.size))
     if told.any():
         inverse[np.ix_(told, told)], directions = _inverse_told(rows[:, told])
         null = np.zeros((len(directions), told.size))
-        null[:, told] = directions
+        null[:, told] = directions / size[told]
+        null /= np.linalg.norm(null, axis=1, keepdims=True)
     return inverse, null
 
 
 def _inverse_told(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    _, s, vt = np.linalg.svd(rows, full_matrices=False)
+    """The same where all have rows. Columns are made equally long, so that a parameter which is known much worse than
+    others is not taken for one that is not known at all."""
+    length = np.linalg.norm(rows, axis=0)
+    _, s, vt = np.linalg.svd(rows / length, full_matrices=False)
     null = s <= _NULL * s[0]
-    inverse = (vt[~null].T / s[~null] ** 2) @ vt[~null]
+    inverse = (vt[~null].T / s[~null] ** 2) @ vt[~null] / np.outer(length, length)
     touched = np.any(np.abs(vt[null]) > 1e-3, axis=0) if null.any() else np.zeros(rows.shape[1], bool)
     inverse[np.diag_indices_from(inverse)] += np.where(touched, np.inf, 0)
-    return inverse, vt[null]
+    return inverse, vt[null] / length
 
 
 def weak_directions(

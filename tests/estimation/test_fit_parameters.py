@@ -90,6 +90,18 @@ def test_uncertainty_of_a_straight_line_is_the_textbook_one():
     np.testing.assert_allclose(width, stats.t.ppf(0.975, 18) * known.standard_errors, rtol=1e-12)
 
 
+@pytest.mark.parametrize("value", [0.0, 1e-16, -3e-13, 1e-9])
+def test_a_value_near_zero_is_known_as_well_as_any(value):
+    """Assert that intercept, slope and curvature have the covariance of linear least squares where the slope is near
+    0: it was infinite, and the others' too small."""
+    x = np.linspace(0.05, 2.0, 40)
+    jacobian = np.stack([np.ones(40), x, -(x**2) / 2], axis=1) / 1e-3
+    noise = Noise(sigmas_given=True, largest=2e4, scale=np.array([1.2, 0.3, 9.0]))
+    known = uncertainty(("a", "b", "c"), [1.0, value, 9.81], np.zeros(40), jacobian, np.zeros(3), noise)
+    assert known.unseen == () and known.null_directions == []
+    np.testing.assert_allclose(known.covariance, np.linalg.inv(jacobian.T @ jacobian), rtol=1e-9)
+
+
 def test_a_robust_fit_of_many_normal_residuals_has_nearly_the_plain_errors():
     """Assert that Huber's covariance with a far threshold equals the plain one, and costs a few percent with a near
     one."""
