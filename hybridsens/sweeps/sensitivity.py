@@ -49,14 +49,21 @@ def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
 
     for p uniform in the box [a, b]. The bound needs a J without jumps over the box: look at `event_sequence`.
     Arguments: the result of a sweep over a `random`, `latin_hypercube`, `sobol` or `saltelli` design, with gradient.
+    Points without a J or without a gradient (at grazing) are left out, with a warning.
     Raises: ValueError for points that were not drawn from a box, a sweep without gradient, or a J that is the same at
     all points.
     """
     names = _varied(dataset)
-    good = np.isfinite(dataset.J.values)
+    derivatives = np.array([_derivative(dataset, name) for name in names])
+    good = np.isfinite(dataset.J.values) & np.isfinite(derivatives).all(axis=0)
+    if not good.all():
+        warnings.warn(
+            f"{np.sum(~good)} of {good.size} points have no J or no gradient and are left out of the measures. Where "
+            "they graze, gradients nearby are large, and the bounds come out too low.", stacklevel=2,
+        )  # fmt: skip
     _check_varies("J", dataset.J.values[good])
     variance = np.var(dataset.J.values[good])
-    squares = np.array([np.mean(_derivative(dataset, name)[good] ** 2) for name in names])
+    squares = np.mean(derivatives[:, good] ** 2, axis=1)
     widths = np.array([dataset[name].attrs["highest"] - dataset[name].attrs["lowest"] for name in names])
     bound = squares * widths**2 / (np.pi**2 * variance)
     return xarray().Dataset(

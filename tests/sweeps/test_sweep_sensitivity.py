@@ -55,6 +55,15 @@ def test_rows_with_a_failed_point_are_left_out_with_a_word(dataset):
     np.testing.assert_allclose(found.first_order, sobol_indices(dataset).first_order, atol=0.01)
 
 
+def test_a_grazing_point_does_not_spoil_derivative_based_measures(dataset):
+    """Assert that one point with a J and no gradient is left out with a word: all measures were nan."""
+    spoiled = dataset.copy(deep=True)
+    spoiled.dJ_dz[5] = np.nan
+    with pytest.warns(UserWarning, match="1 of 20480 points have no J or no gradient"):
+        found = dgsm(spoiled)
+    np.testing.assert_allclose(found.nu, dgsm(dataset).nu, rtol=1e-3)
+
+
 @pytest.mark.parametrize("measure", [sobol_indices, dgsm])
 def test_a_constant_has_no_shares(measure):
     """Assert that indices of a result that does not vary are refused, instead of nan."""
