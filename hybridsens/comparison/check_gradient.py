@@ -124,11 +124,16 @@ def _gradient(parameters: FlatParameters, cost: Cost, adjoint: AbstractGradientM
 
 
 def _scale(vector, J: float, gradient):
-    """How far each parameter is moved: by a part of itself, or of what changes J by as much as J itself."""
-    slope = np.abs(gradient)
-    natural = np.where(slope > 0, abs(J) / np.where(slope > 0, slope, 1), 1.0)
+    """How far each parameter is moved: by a part of itself, or of what changes J by as much as J itself.
+
+    A J with a large constant in it would move a parameter of value 0 too far: not farther than 1, or than what changes
+    J by as much as the other parameters do."""
+    slope, moved = np.abs(gradient), np.asarray(vector) != 0
+    effect = np.max(slope[moved] * np.abs(vector)[moved], initial=0)
+    natural, others = (np.where(slope > 0, size / np.where(slope > 0, slope, 1), 1.0) for size in (abs(J), effect))
+    natural = np.fmin(natural, np.fmax(others, 1.0))
     # A J that is 0 by symmetry is so but for rounding.
-    return np.where(np.asarray(vector) != 0, np.abs(vector), np.where(natural > 1e-8, natural, 1.0))
+    return np.where(moved, np.abs(vector), np.where(natural > 1e-8, natural, 1.0))
 
 
 def _size(adjoint, forward, scale, nearby):

@@ -111,6 +111,12 @@ def test_a_right_gradient_that_is_0_passes(cost):
     assert check.ok, str(check)
 
 
+def test_a_constant_in_the_cost_does_not_put_a_right_gradient_in_doubt():
+    """A parameter of value 0 was moved by what changes J by as much as all of J: by 1e4."""
+    check = check_gradient(Decay(0.0), lambda *asked: 1e4 + at_end(*asked), max_events=8, max_steps=1024)
+    assert check.ok, str(check)
+
+
 def test_a_gradient_that_is_wrongly_0_is_named():
     """Held constant by mistake, the parameter has a slope of 0 by every method but differences."""
     held = lambda system, solve: at_end(Decay(jax.lax.stop_gradient(system.k)), solve)
