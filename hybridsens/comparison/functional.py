@@ -139,6 +139,12 @@ def told_of_the_cost() -> Iterator[None]:
             "each motion is looked at by itself, but calls it inside of one: write a Python loop, which is compiled."
         ) from error
     except TypeError as error:
+        if "custom_vjp" in str(error):
+            raise TypeError(
+                "What the cost and its scene do must have derivatives in forward mode too, since forward sensitivities "
+                "are compared, but something in them is a jax.custom_vjp, which has none: write it as a "
+                "jax.custom_jvp, which serves both modes."
+            ) from error
         if str(error) not in (REVERSE_ONLY, FORWARD_ONLY):
             raise
         raise TypeError(

@@ -40,6 +40,20 @@ def test_a_motion_of_the_costs_own_is_told_of():
         check_gradient(Decay(), cost, progress=False, **ROOM)
 
 
+@jax.custom_vjp
+def _same(x):
+    return x
+
+
+_same.defvjp(lambda x: (x, None), lambda _, cotangent: (cotangent,))
+
+
+def test_a_cost_of_reverse_mode_alone_is_told_of():
+    """Assert that a `custom_vjp` is answered by what serves both modes, and not by JAX's words alone."""
+    with pytest.raises(TypeError, match="in forward mode too.* write it as a jax.custom_jvp"):
+        check_gradient(Decay(), lambda *asked: _same(final(*asked)), progress=False, **ROOM)
+
+
 @pytest.mark.parametrize("study", [check_gradient, compare, hs.work_precision])
 @pytest.mark.parametrize("own", [dict(rtol=1e-6), dict(throw=False), dict(max_events=4, adjoint=None)])
 def test_settings_of_the_costs_own_are_refused_by_name(study, own):
