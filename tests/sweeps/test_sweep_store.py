@@ -185,6 +185,15 @@ def _constants_as_arguments(wanted):
         jax.config.update("jax_use_simplified_jaxpr_constants", before)
 
 
+def test_units_may_be_given_to_a_store_that_is_there(tmp_path):
+    """Assert that a sweep which finds all of its points has the units that it is given: they were left out."""
+    swept = lambda **units: sweep(lambda s: s["a"], grid(SCENE, {"a": [1.0, 2.0]}), store=tmp_path / "s.zarr",
+                                  progress=False, **units)  # fmt: skip
+    swept()
+    found = swept(units={"J": "m", "a": "kg"})
+    assert [found[name].attrs["units"] for name in ("J", "a", "dJ_da")] == ["m", "kg", "(m)/(kg)"]
+
+
 def test_a_finished_store_opens_with_plain_xarray(tmp_path):
     """Assert that xarray alone sees dimensions, coordinates, values and units."""
     design = random(SCENE, {"a": (0.0, 1.0), "b": (1.0, 2.0)}, 10)
