@@ -77,7 +77,7 @@ def measurements(
 
     Arguments:
 
-    - `times`: (sample,) strictly increasing [s].
+    - `times`: (sample,) strictly increasing [s]; durations (`timedelta64`) become seconds, dates are refused.
     - `values`: (sample,) or (sample, observation).
     - `sigma`: standard deviations, anything that broadcasts to the values; None if they are equal and unknown. A
       fit of values and event times needs them, and one with priors.
@@ -110,7 +110,7 @@ def measurements(
 
 def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
     """Times as an array, increasing where they are known; NaN among them only with `gaps`."""
-    t = np.asarray(times, float)
+    t = _seconds(name, times)
     if t.ndim != 1:
         raise ValueError(f"`{name}` must have shape (sample,), but has shape {t.shape}.")
     known = np.flatnonzero(~np.isnan(t))
@@ -123,6 +123,16 @@ def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
         if rows.size:
             raise ValueError(f"`{name}` must be {problem} at {_rows(rows)}.")
     return t
+
+
+def _seconds(name: str, times: Any) -> np.ndarray:
+    """Times as numbers: NumPy would make nanoseconds of durations, and of dates."""
+    t = np.asarray(times)
+    if t.dtype.kind == "M":
+        raise ValueError(
+            f"`{name}` must be in seconds, or durations, but are dates: subtract that of t = 0, as in times - times[0]."
+        )
+    return t / np.timedelta64(1, "s") if t.dtype.kind == "m" else np.asarray(t, float)
 
 
 def _values(values: Any, samples: int) -> np.ndarray:

@@ -14,6 +14,8 @@ from .data import Measurements, measurements
 _SIGMA = "sigma_"
 _TIMES = ("t", "time", "t [s]", "time [s]")
 """Names of times in the unit that a fit takes them in; in another unit they are converted by hand."""
+_SECONDS = ("s", "sec", "second", "seconds", "")
+"""What xarray's attribute `units` may say of them."""
 
 
 def read_measurements(
@@ -127,7 +129,7 @@ def _from_pandas(data: Any, time: str | None) -> dict[str, np.ndarray]:
     columns = {str(name): data[name].to_numpy() for name in data.columns}
     index: Any = getattr(data, "index", None)  # tables of other libraries have none
     wanted = (time,) if time else () if any(name in columns for name in _TIMES) else _TIMES
-    if getattr(index, "name", None) not in wanted or index.to_numpy().dtype.kind not in "iuf":
+    if getattr(index, "name", None) not in wanted or index.to_numpy().dtype.kind not in "iufmM":
         return columns
     return {index.name: index.to_numpy(), **columns}
 
@@ -136,6 +138,9 @@ def _from_xarray(data: Any) -> dict[str, np.ndarray]:
     """Columns of a Dataset or DataArray; a second dimension becomes columns <name>0, <name>1, ..."""
     dataset = data if hasattr(data, "data_vars") else data.to_dataset(name=data.name or "q")
     along = next(iter(dataset.data_vars.values())).dims[0]
+    unit = dataset[along].attrs.get("units", "s")
+    if unit not in _SECONDS:
+        raise ValueError(f"The times {along!r} must be in seconds, but have the units {unit!r}: convert them.")
     columns = [(str(along), dataset[along].to_numpy())]
     for name, variable in dataset.data_vars.items():
         if variable.ndim == 1:

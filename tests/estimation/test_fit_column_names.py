@@ -68,5 +68,5 @@ def test_times_in_another_unit_or_in_no_number_are_not_guessed():
     table = pandas.DataFrame({"q0": TIMES}, pandas.Index(TIMES, name="hours"))
     np.testing.assert_array_equal(read_measurements(table, time="hours").times, TIMES)
     table.index = pandas.date_range("2020-01-01", periods=3, name="time")
-    with pytest.raises(ValueError, match='must have a column of times "t" or "time"'):
+    with pytest.raises(ValueError, match='`times` must be in seconds, or durations, but are dates'):
         read_measurements(table)

@@ -57,6 +57,26 @@ def test_bad_times_are_refused(times, message):
         measurements(times, VALUES)
 
 
+def test_durations_are_seconds_and_dates_are_refused():
+    """Assert that no table gives its times in nanoseconds, as NumPy makes numbers of them, or in milliseconds."""
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    lasted, day = pandas.to_timedelta(TIMES, unit="s"), pandas.Timestamp("2020-01-01")
+    tables = lambda times: [
+        pandas.DataFrame({"time": times, "q0": VALUES[:, 0]}),
+        pandas.DataFrame({"q0": VALUES[:, 0]}, pandas.Index(times, name="time")),
+        xarray.Dataset({"q0": ("time", VALUES[:, 0])}, {"time": times}),
+        (times, VALUES[:, 0]),
+    ]
+    for table, dated in zip(tables(lasted), tables(day + lasted), strict=True):
+        np.testing.assert_allclose(read_measurements(table).times, TIMES, rtol=1e-12)
+        with pytest.raises(ValueError, match="`times` must be in seconds, or durations, but are dates: subtract"):
+            read_measurements(dated)
+    events = measurements(event_times=lasted.to_numpy(), event_sigma=0.1).event_times
+    np.testing.assert_allclose(events, TIMES, rtol=1e-12)
+    with pytest.raises(ValueError, match="times 'time' must be in seconds, but have the units 'ms'"):
+        read_measurements(xarray.Dataset({"q0": ("time", VALUES[:, 0])}, {"time": ("time", TIMES, {"units": "ms"})}))
+
+
 def test_gaps_are_refused_unless_asked_for(tmp_path):
     """Assert that an empty cell is an error that names column and row, and with `missing="skip"` a NaN."""
     path = _write(tmp_path, "t,q0\n0.1,1\n0.2,\n0.3,2\n")
