@@ -48,6 +48,7 @@ def sweep(
     chunk: Annotated[int, typer.Option(help="Points run and written at once.")] = 8192,
 ) -> None:
     """Run a scene at many points on all cores: J, its gradient, status and events of each."""
+    from ..export.netcdf import write_netcdf
     from ..sweeps import plot_sweep
     from ..sweeps import sweep as run_sweep
 
@@ -60,7 +61,7 @@ def sweep(
     store = output if output.suffix == ".zarr" else None
     dataset = run_sweep(cost, chosen, store=store, chunk=chunk)
     if store is None:
-        dataset.to_netcdf(output)
+        write_netcdf(dataset, output)
     print(f"results: {output}")
     if plot is not None:
         plot_sweep(dataset).savefig(plot, dpi=120)

@@ -145,6 +145,30 @@ def test_a_file_of_another_kind_is_not_written(motion, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
+def test_a_file_stays_whole_where_a_new_one_cannot_be_written(motion, tmp_path, monkeypatch):
+    """Assert that a save which breaks off (a disk that is full) leaves the file that was there, and nothing else."""
+    xarray = pytest.importorskip("xarray")
+    path = tmp_path / "motion.nc"
+    motion.save(path)
+    before = path.read_bytes()
+
+    def half(dataset, path, **_):
+        path.write_bytes(before[: len(before) // 2])
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr(xarray.Dataset, "to_netcdf", half)
+    with pytest.raises(RuntimeError, match="HDF error"):
+        motion.save(path)
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_place_that_is_none_is_named(motion, tmp_path):
+    """Assert that a folder, and a file in none, are refused in words: netCDF4 speaks of permissions."""
+    for path, what in ((tmp_path, "is a folder"), (tmp_path / "none" / "a.nc", "in a folder that does not exist")):
+        with pytest.raises(ValueError, match=f"must be that of a file in a folder that exists, but .*{what}"):
+            motion.save(path)
+
+
 def test_a_file_of_another_origin_is_refused(motion, tmp_path):
     """Only `save` writes what `load` reads."""
     motion.to_xarray().to_netcdf(tmp_path / "other.nc")
