@@ -104,6 +104,7 @@ class History:
         self.stage = f"horizon {float(outcome.trial.end):.3g}" if in_stage else WHOLE
         self.z, self.loss, self.number, self.idle = outcome.z, float(outcome.loss), 0, 0
         self.first = self.best = self.last = event_sequence(outcome.trial)
+        self._keep()  # of many starts the best may leave nothing to do
         return self._tell(outcome, self.first, changed=False)
 
     def _no_motion(self, why: str) -> str:

@@ -156,3 +156,11 @@ def test_the_store_of_another_record_is_refused(tmp_path):
     assert fit(GUESS, RECORD, store=path, **kept).converged
     with pytest.raises(ValueError, match="`store` must be of the same study, but .*best.json is of other measurements"):
         fit(GUESS, RECORD | {"x": [0.8, 0.5]}, store=path, **kept)
+
+
+@pytest.mark.parametrize("starts", [1, 2])
+def test_a_store_is_there_after_a_fit_that_had_nothing_to_do(starts, tmp_path):
+    """Assert that a guess at the minimum, or the best of many starts, is kept: no file was written."""
+    path = tmp_path / "best.json"
+    fit(GUESS, RECORD, store=path, starts=starts, parameters="slope", max_events=4, max_steps=64)
+    assert json.loads(path.read_text())["values"]["slope"] == pytest.approx(2.0)
