@@ -2,6 +2,7 @@
 
 import json
 import os
+import uuid
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,9 +25,12 @@ class Store(NamedTuple):
         labels = self.selection.labels
         values = np.asarray(self.selection.to_values(jnp.asarray(z[: len(labels)])))
         kept = {"values": dict(zip(labels, values.tolist(), strict=True)), "study": self.study}
-        draft = self.path.with_name(self.path.name + ".part")
-        draft.write_text(json.dumps(kept, indent=2) + "\n")
-        os.replace(draft, self.path)
+        draft = self.path.with_name(f"{self.path.name}.{uuid.uuid4().hex[:8]}.part")  # others may write too
+        try:
+            draft.write_text(json.dumps(kept, indent=2) + "\n")
+            os.replace(draft, self.path)
+        finally:
+            draft.unlink(missing_ok=True)
 
     def read(self) -> np.ndarray | None:
         """Values of the parameters; None if there is no file yet.

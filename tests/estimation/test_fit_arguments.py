@@ -1,6 +1,7 @@
 """What `fit` says of arguments that cannot be meant, before it compiles anything."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -156,6 +157,14 @@ def test_the_store_of_another_record_is_refused(tmp_path):
     assert fit(GUESS, RECORD, store=path, **kept).converged
     with pytest.raises(ValueError, match="`store` must be of the same study, but .*best.json is of other measurements"):
         fit(GUESS, RECORD | {"x": [0.8, 0.5]}, store=path, **kept)
+
+
+def test_two_fits_may_have_one_store(tmp_path):
+    """Assert that neither takes away what the other is about to move: one of them ended by a FileNotFoundError."""
+    store = Store(tmp_path / "best.json", select(GUESS, "slope"), "this one")
+    with ThreadPoolExecutor() as both:
+        list(both.map(lambda _: store.write(np.array([1.0])), range(200)))
+    assert store.read() is not None and list(tmp_path.iterdir()) == [store.path]
 
 
 @pytest.mark.parametrize("starts", [1, 2])
