@@ -1,5 +1,6 @@
 """`hybridsens fit`: parameters of a scene from a CSV file."""
 
+import functools
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -47,9 +48,13 @@ def fit(
     from ..estimation import GrowingHorizon, read_measurements
     from ..estimation import fit as run_fit
 
-    names = _split(columns)
-    record = read_measurements(data, time=time or None, columns=names or None, sigma=sigma,
-                               missing="skip" if skip_missing else "raise")  # fmt: skip
+    read = functools.partial(read_measurements, data, time=time or None, columns=_split(columns) or None,
+                             missing="skip" if skip_missing else "raise")  # fmt: skip
+    record = read()
+    if sigma is not None:
+        if record.sigmas is not None:
+            raise typer.BadParameter(f"--sigma must be left out, since {data} has columns sigma_... of its own")
+        record = read(sigma=sigma)
     result = run_fit(
         _with_guess(startable(scene), guess or []), record, parameters=_split(parameters),
         bounds=by_name("--bound", bound or [], _bound), optimizer=optimizer, robust=robust, starts=starts,

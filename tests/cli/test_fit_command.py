@@ -42,6 +42,19 @@ def test_the_column_of_times_is_told_by_name(monkeypatch, tmp_path):
     assert taken[0].names == ("q0 [m]",) and taken[0].times == [0.1]
 
 
+def test_sigmas_come_from_the_file_or_from_the_option(monkeypatch, tmp_path):
+    """Assert that `--sigma` does not take the place of the file's own in silence."""
+    record, taken = tmp_path / "record.csv", []
+    monkeypatch.setattr("hybridsens.estimation.fit", lambda scene, data, **named: taken.append(data) or 1 / 0)
+    record.write_text("t,q0\n0.1,0.2\n")
+    with pytest.raises(ZeroDivisionError):
+        fit("elastic-stop", record, "distance", sigma=0.3)
+    assert taken[0].sigmas == 0.3
+    record.write_text("t,q0,sigma_q0\n0.1,0.2,0.01\n")
+    with pytest.raises(typer.BadParameter, match="--sigma must be left out, since .*record.csv has columns sigma_"):
+        fit("elastic-stop", record, "distance", sigma=0.3)
+
+
 def test_what_is_not_there_is_named():
     """Assert that an unknown scene, file and bound are errors that say what is wrong."""
     for scene, message in (("no-such", "there is no scene"), ("none.py:Scene", "there is no file none.py")):
