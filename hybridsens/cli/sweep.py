@@ -34,9 +34,10 @@ def sweep(
     ],
     design: Annotated[str, typer.Option(help="grid, random, latin-hypercube, sobol or saltelli.")] = "grid",
     points: Annotated[
-        int, typer.Option(help="Number of points of a design other than a grid (saltelli: its base).")
-    ] = 1024,
-    seed: Annotated[int, typer.Option(help="Seed of a random design.")] = 0,
+        int | None,
+        typer.Option(help="Number of points of a design other than a grid (saltelli: its base). Default: 1024."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of a design other than a grid. Default: 0.")] = None,
     plot: Annotated[
         Path | None,
         typer.Option(callback=picture_to_write, help="Picture of the maps to write (a grid of two parameters)."),
@@ -90,7 +91,7 @@ def _cost(t1, tolerance, max_events, max_steps):
     return cost
 
 
-def _design(scene, vary: list[str], kind: str, points: int, seed: int):
+def _design(scene, vary: list[str], kind: str, points: int | None, seed: int | None):
     import numpy as np
 
     from ..sweeps import designs
@@ -100,6 +101,9 @@ def _design(scene, vary: list[str], kind: str, points: int, seed: int):
         short = [name for name, numbers in ranges.items() if len(numbers) != 3]
         if short:
             raise typer.BadParameter(f"a grid needs NAME=LOW:HIGH:COUNT for {', '.join(short)}")
+        for option, given in (("--points", points), ("--seed", seed)):
+            if given is not None:
+                raise typer.BadParameter(f"{option} must be left out for a grid, or --design must name another design")
         return designs.grid(
             scene, {name: np.linspace(low, high, int(count)) for name, (low, high, count) in ranges.items()}
         )
@@ -114,7 +118,13 @@ def _design(scene, vary: list[str], kind: str, points: int, seed: int):
         raise typer.BadParameter(
             f"the design must be one of {', '.join(known)}, but is {kind!r}.{did_you_mean(kind, known)}"
         )
-    return makers[kind](scene, {name: (numbers[0], numbers[1]) for name, numbers in ranges.items()}, points, seed)
+    counted = [name for name, numbers in ranges.items() if len(numbers) == 3]
+    if counted:
+        raise typer.BadParameter(
+            f"a {kind} design takes NAME=LOW:HIGH for {', '.join(counted)}: how many points there are is --points"
+        )
+    box = {name: (low, high) for name, (low, high) in ranges.items()}
+    return makers[kind](scene, box, 1024 if points is None else points, 0 if seed is None else seed)
 
 
 def _check_map(design) -> None:

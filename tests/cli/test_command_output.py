@@ -125,3 +125,17 @@ def test_a_misspelt_name_is_answered_with_the_one_that_was_meant(arguments, mean
     """Of commands, scenes, options, solvers, methods, designs and parameters."""
     assert run(arguments) != 0
     assert meant in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--vary", "mass=1:2:3", "--design", "random"], "a random design takes NAME=LOW:HIGH for mass"),
+        (["--vary", "mass=1:2:3", "--points", "50"], "--points must be left out for a grid"),
+        (["--vary", "mass=1:2:3", "--seed", "1"], "--seed must be left out for a grid"),
+    ],
+)
+def test_what_a_design_does_not_take_is_refused(arguments, message, capsys):
+    """Numbers and options that the design has no use for were ignored."""
+    assert run(["sweep", "elastic-stop", "--output", "x.nc", *arguments]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
