@@ -53,7 +53,8 @@ def check_gradient(
     programs, which takes a minute or more. `settings`: see `Settings`; rtol = atol = 1e-12, since differences divide
     the noise of motions by the width, 256 events and 16384 steps by default.
 
-    Raises: SimulationError if the motion does not reach its end; TypeError for a cost that moves its scene otherwise.
+    Raises: SimulationError if the motion does not reach its end; TypeError for a cost that moves its scene otherwise;
+    ValueError for a parameter or a cost that is not finite.
     """
     cost = choose_cost(scene, cost)
     own = dict(rtol=1e-12, atol=1e-12, max_events=256, max_steps=16384)
@@ -73,6 +74,7 @@ def _check(
     tell("differences")
     value = value_with_calls(parameters, cost, chosen)
     J, calls = value(parameters.vector)
+    _must_be_numbers(parameters, float(J))
     scale = _scale(parameters.vector, float(J), reverse)
     nearby = on_sequence(value, calls)
     found = best_finite_differences(nearby, parameters.vector, scale)
@@ -94,6 +96,15 @@ def _check(
     tell("looking for causes")
     off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, chosen, counts))
     return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, chosen))
+
+
+def _must_be_numbers(parameters: FlatParameters, J: float) -> None:
+    """Raises: ValueError for a parameter or a J that is not finite, of which nothing can be checked."""
+    bad = [name for name, value in zip(parameters.names, parameters.vector, strict=True) if not np.isfinite(value)]
+    if bad:
+        raise ValueError(f"All parameters must be finite, but {', '.join(bad)} {'is' if len(bad) == 1 else 'are'} not.")
+    if not np.isfinite(J):
+        raise ValueError(f"`cost` must return a finite number, but returns {J}: look at what it makes of the motion.")
 
 
 def _resolved(checks, limits: list[float], resolve: Callable) -> dict[str, bool]:

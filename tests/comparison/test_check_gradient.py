@@ -117,6 +117,19 @@ def test_a_constant_in_the_cost_does_not_put_a_right_gradient_in_doubt():
     assert check.ok, str(check)
 
 
+@pytest.mark.parametrize(
+    ("system", "cost", "message"),
+    [
+        (Decay(), lambda system, solve: at_end(system, solve) * jnp.nan, "a finite number, but returns nan"),
+        (Decay(math.nan), lambda system, solve: at_end(Decay(), solve), "All parameters must be finite, but k is not"),
+    ],
+)
+def test_what_is_no_number_is_told(system, cost, message):
+    """Its gradient was in doubt, for want of steps or a changed sequence of events."""
+    with pytest.raises(ValueError, match=message):
+        check_gradient(system, cost, max_events=8, max_steps=1024)
+
+
 def test_a_gradient_that_is_wrongly_0_is_named():
     """Held constant by mistake, the parameter has a slope of 0 by every method but differences."""
     held = lambda system, solve: at_end(Decay(jax.lax.stop_gradient(system.k)), solve)
