@@ -65,7 +65,7 @@ def work_precision(
       "float32"): what is combined, without tolerances that a dtype cannot meet. A `ContinuousCostate()` is integrated
       at the tolerance of the motion.
     - `store`: a .csv file that each point is in as soon as it is finished. If it is there already, the
-      study goes on from its points, which are not measured again. It must be of the same J and settings.
+      study goes on from its points, which are not measured again. It must be of the same J, gradient and settings.
     - `progress`: show a bar. Ctrl-C ends the run and keeps the points that are finished.
     - `settings`: see `Settings`, but for those that are varied; 256 events and 65536 steps by default.
 
@@ -87,7 +87,7 @@ def work_precision(
     chosen = chosen_settings("work_precision", settings, own, varied=("solver", "rtol", "atol"))
     cost = choose_cost(scene, cost)
     reference = reference or tight_reference(flatten_parameters(scene), cost, chosen)
-    points = [] if path is None else list(read_points(path, reference.value, chosen))
+    points = [] if path is None else list(read_points(path, reference, chosen))
     combinations = itertools.product(dtypes, solvers, methods)
     lines = _missing([Line(*combined, _met(tolerances, combined[0])) for combined in combinations], points)
     beyond = tuple(dtype for dtype in dtypes if _met(tolerances, dtype) != tolerances)
@@ -96,7 +96,7 @@ def work_precision(
         for point in _with_progress(lines, measure, progress):
             points.append(point)
             if path is not None:
-                write_points(path, points, reference.value, chosen)
+                write_points(path, points, reference, chosen)
     except KeyboardInterrupt:
         return WorkPrecision(tuple(points), True, beyond)
     return WorkPrecision(tuple(points), False, beyond)

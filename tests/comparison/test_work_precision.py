@@ -98,12 +98,12 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path, reference, monk
     monkeypatch.setattr(work_precision_module, "_measure", first := Meter(stops_at=3))
     begun = work_precision(scene(), **asked, **ROOM, progress=False)
     assert begun.interrupted and len(begun.points) == first.count == 3
-    assert _same(read_points(path, reference.value, ROOM), begun.points)
+    assert _same(read_points(path, reference, ROOM), begun.points)
     monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
     whole = work_precision(scene(), **asked, **ROOM, progress=False)
     assert second.count == 5 and not whole.interrupted and _same(whole.points[:3], begun.points)
     assert len({point[:4] for point in whole.points}) == 8
-    assert _same(read_points(path, reference.value, ROOM), whole.points)
+    assert _same(read_points(path, reference, ROOM), whole.points)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -132,10 +132,13 @@ def test_a_file_of_something_else_is_refused(tmp_path, reference):
     """Points of another J or under other settings, another table, ending or folder; a setting that is varied."""
     path = tmp_path / "points.csv"
     point, settings = Point("Tsit5", "Replay", "float64", 1e-7), dict(max_events=256, max_steps=65536)
-    write_points(path, [point], reference.value * 1.001, settings)
+    write_points(path, [point], reference._replace(value=reference.value * 1.001), settings)
     with pytest.raises(ValueError, match="must have points of the same J"):
         work_precision(scene(), reference=reference, store=path)
-    write_points(path, [point], reference.value, settings)
+    write_points(path, [point], reference._replace(gradient=1.001 * reference.gradient), settings)
+    with pytest.raises(ValueError, match="must have points of the same gradient, but has those of another scene"):
+        work_precision(scene(), reference=reference, store=path)
+    write_points(path, [point], reference, settings)
     with pytest.raises(ValueError, match="under the settings max_events=100.*has some under max_events=256"):
         work_precision(scene(), reference=reference, store=path, max_events=100)
     path.write_text("a,b\n1,2\n")
