@@ -126,7 +126,7 @@ def _doubts(result: Any) -> Iterator[str]:
 
 def _unexplained(result: Any) -> Iterator[str]:
     """Columns of which a constant would tell as much as the model; where sigmas allow for that, nothing moved."""
-    if np.isinf(result.uncertainty.quantile_freedom) and not _larger_than_sigmas(result):
+    if result.data.sigmas_known and not _larger_than_sigmas(result):
         return
     for name, residuals, values in zip(result.data.names, result.residuals.T, result.data.values.T, strict=True):
         known = np.isfinite(residuals)
@@ -143,8 +143,7 @@ def _unexplained(result: Any) -> Iterator[str]:
 def _larger_than_sigmas(result: Any) -> bool:
     """Whether sigmas were given, and the residuals are larger than they allow."""
     freedom, noise = result.uncertainty.freedom, result.uncertainty.noise
-    sigmas_given = np.isinf(result.uncertainty.quantile_freedom)
-    return bool(sigmas_given and noise > 1.1 and stats.chi2.sf(freedom * noise**2, freedom) < 1e-6)
+    return bool(result.data.sigmas_known and noise > 1.1 and stats.chi2.sf(freedom * noise**2, freedom) < 1e-6)
 
 
 def _too_narrow(correlation: float) -> float:

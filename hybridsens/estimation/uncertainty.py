@@ -27,7 +27,8 @@ class Uncertainty(NamedTuple):
     freedom: int
     """Residuals less parameters that are not on their bounds."""
     quantile_freedom: float
-    """Degrees of freedom of Student's t for intervals; inf (a normal distribution) where sigmas were given."""
+    """Degrees of freedom of Student's t for intervals; inf (a normal distribution) where sigmas were given, unless the
+    fit is robust, whose residuals tell s anew."""
     null_directions: list[dict[str, float]]
     """Directions of several parameters along which the data say nothing, label -> relative share."""
     unseen: tuple[str, ...]
@@ -64,7 +65,8 @@ def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight
     size = np.maximum(np.abs(p), noise.scale)
     size = np.where(size == 0, 1.0, size)
     unseen = np.max(np.abs(J * size), axis=0, initial=0) <= _ROUNDING * np.finfo(J.dtype).eps * noise.largest
-    unit = 1.0 if noise.sigmas_given and np.isinf(noise.robust) else max(seen, noise.rounding)
+    taken_at_their_word = noise.sigmas_given and np.isinf(noise.robust)
+    unit = 1.0 if taken_at_their_word else max(seen, noise.rounding)
     rows = np.vstack([np.where(unseen, 0, J) / (unit if unit > 0 else 1.0), np.diag(prior_weight)])
     covariance, null = _inverse(rows, size)
     correlation = _correlation(covariance)
@@ -72,7 +74,7 @@ def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight
         covariance = np.where(np.isinf(covariance), covariance, np.nan)
     return Uncertainty(
         covariance, np.sqrt(np.diag(covariance)), correlation, seen, freedom,
-        quantile_freedom=np.inf if noise.sigmas_given else float(freedom),
+        quantile_freedom=np.inf if taken_at_their_word else float(freedom),
         null_directions=[dict(zip(labels, map(float, direction), strict=True)) for direction in null],
         unseen=tuple(label for label, hidden in zip(labels, unseen, strict=True) if hidden), exact=exact,
     )  # fmt: skip

@@ -115,6 +115,18 @@ def test_a_robust_fit_of_many_normal_residuals_has_nearly_the_plain_errors():
     assert np.all(errors(2.0) != errors())
 
 
+def test_intervals_of_a_robust_fit_of_few_data_hold_the_truth_as_often_as_they_say():
+    """Assert that intervals of a parabola through five data hold it in 95 %: it was 81 %, by the quantile of a known
+    sigma where the residuals had told it."""
+    x, random, held = np.linspace(0.0, 1.0, 5), np.random.default_rng(0), []
+    jacobian = np.stack([np.ones(5), x, x**2], axis=1)
+    for noise in random.normal(size=(1000, 5)):
+        values = np.linalg.lstsq(jacobian, noise, rcond=None)[0]
+        known = uncertainty("abc", values, jacobian @ values - noise, jacobian, np.zeros(3), Noise(True, robust=1e6))
+        held.append(np.abs(values) < half_width(known.standard_errors, 0.95, known.quantile_freedom))
+    np.testing.assert_allclose(np.mean(held, axis=0), 0.95, atol=0.02)
+
+
 def test_a_direction_without_information_is_named():
     """Assert that parameters that only enter as a product have the null direction (1, -1) / sqrt 2 in relative
     change."""
