@@ -23,8 +23,11 @@ from .inside import Before, Inside, look_inside
 from .record import StepRecord
 
 LEAST_SEARCHED = 1 / 64
-"""A search that is given up ends the step where it got to, if that is at least this fraction of it; else the step is
-kept and the motion counts as grazing."""
+"""A search that is given up ends the step where it got to, if that is at least this fraction of it. Else the step is
+kept and the motion counts as grazing where guards can; where none can, the step ends there anyhow."""
+
+SHORTEST_SEARCHED = 4
+"""Steps shorter than `time_resolution(t, 4)` are not searched: by their ends, time is known to a part in a thousand."""
 
 
 class LocatorState(eqx.Module):
@@ -167,16 +170,17 @@ class EventLocator(diffrax.AbstractStepSizeController):
 def _search(system, mode, ends: StepEnds, accurate, inside: Inside, before: Before) -> Inside:
     """What a search of the inside of the step adds where its ends show nothing."""
     h = ends.t1 - ends.t0
-    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & (h > time_resolution(ends.t0, 8))
+    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & (h > time_resolution(ends.t0, SHORTEST_SEARCHED))
     # The end was judged before: without its own depth the search would find it again.
     tolerance = before.rounding + before.noise + jnp.maximum(-ends.guard1, 0)
     searched = system.search(ends, mode, tolerance, wanted)
     found = jnp.isfinite(searched.crossing)
     gave_up = ~found & (searched.reached < 1)
-    far = searched.reached > LEAST_SEARCHED
+    can_graze = jnp.any(before.depth >= 0)
+    far = ~can_graze | (searched.reached > LEAST_SEARCHED)
     return inside._replace(
         t_root=jnp.where(found, ends.t0 + searched.crossing * h, inside.t_root),
         ends_early=inside.ends_early | found,
-        split=jnp.where(gave_up & far, searched.reached, inside.split),
-        grazes=inside.grazes | (gave_up & ~far & jnp.any(before.depth >= 0)),
+        split=jnp.where(gave_up & far, jnp.maximum(searched.reached, LEAST_SEARCHED), inside.split),
+        grazes=inside.grazes | (gave_up & ~far),
     )

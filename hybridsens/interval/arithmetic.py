@@ -111,6 +111,19 @@ def power(a: Interval, n: int) -> Interval:
     return outward(low, high)
 
 
+def power_of(a: Interval, p) -> Interval:
+    """a^p for numbers p that are known when the motion runs; where p is no integer, unknown for a below 0."""
+    integer, odd = p == jnp.round(p), jnp.mod(p, 2) == 1
+    straddles = (a.low <= 0) & (a.high >= 0)
+    nearest = jnp.where(straddles, 0, jnp.minimum(jnp.abs(a.low), jnp.abs(a.high)))
+    sizes = nearest**p, jnp.maximum(jnp.abs(a.low), jnp.abs(a.high)) ** p
+    of_size = jnp.minimum(*sizes), jnp.maximum(*sizes)
+    ends = jnp.sign(a.low) * jnp.abs(a.low) ** p, jnp.sign(a.high) * jnp.abs(a.high) ** p
+    low, high = (jnp.where(odd, f(*ends), g) for f, g in zip((jnp.minimum, jnp.maximum), of_size, strict=True))
+    known = (integer | (a.low >= 0)) & ~(straddles & (p < 0))
+    return outward(jnp.where(known, low, jnp.nan), jnp.where(known, high, jnp.nan))
+
+
 def square(a: Interval) -> Interval:
     """a^2, never negative."""
     return power(a, 2)

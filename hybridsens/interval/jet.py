@@ -18,6 +18,7 @@ from .arithmetic import (
     plus,
     point,
     power,
+    power_of,
     reciprocal,
     scaled,
     square,
@@ -82,6 +83,20 @@ def integer_power(a: Jet, n: int) -> Jet:
     slope = scaled(power(u, n - 1), float(n)) if n else None
     curve = scaled(power(u, n - 2), float(n * (n - 1))) if n * (n - 1) else None
     return composed(a, power(u, n), slope, curve)
+
+
+def power_by(a: Jet, b: Jet) -> Jet:
+    """a^b, by exp(b log a) where b moves: then a must be above 0."""
+    if b.rate is not None or not b.value.exact:
+        return exp(multiply(b, log(a)))
+    p = b.value.low.astype(a.value.low.dtype)
+    # Where a factor p or p - 1 is 0, so is the derivative, also where the power beside it is unknown.
+    part = lambda factor, p: times(point(factor), _where(factor == 0, point(jnp.zeros_like(p)), power_of(a.value, p)))
+    return composed(a, power_of(a.value, p), part(p, p - 1), part(p * (p - 1), p - 2))
+
+
+def _where(condition, a: Interval, b: Interval) -> Interval:
+    return Interval(jnp.where(condition, a.low, b.low), jnp.where(condition, a.high, b.high))
 
 
 def inverse(a: Jet) -> Jet:

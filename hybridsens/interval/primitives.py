@@ -60,7 +60,7 @@ BINARY = {
     "max": J.maximum,
     "min": J.minimum,
     "atan2": inverses.atan2,
-    "pow": lambda a, b: J.exp(J.multiply(b, J.log(a))),
+    "pow": J.power_by,
     "lt": J.less,
     "le": J.less_or_equal,
     "gt": lambda a, b: J.less(b, a),
@@ -94,7 +94,8 @@ def dot_general(a: Jet, b: Jet, params) -> Jet:
     contract = lambda x, y: lax.dot_general(
         x, y, params["dimension_numbers"], preferred_element_type=params["preferred_element_type"]
     )
-    if a is b and a.value.low.ndim == 1:
+    (contracted, _), _ = params["dimension_numbers"]
+    if a is b and a.value.low.ndim == 1 and contracted:  # not their outer product, and not the product of each entry
         return J.linear(jnp.sum, J.integer_power(a, 2))
 
     def product(x: Interval | None, y: Interval | None):

@@ -59,8 +59,10 @@ def look_at_event(
 
 
 def rate_below_rounding(gap_acceleration, mode: ContactMode):
-    """Rates up to which a contact that falls back hops lower than the rounding of its gap."""
-    return jnp.sqrt(4 * rounding(mode.length.dtype) * jnp.abs(gap_acceleration) * mode.length)
+    """Rates up to which a contact that falls back hops lower than the rounding of its gap, or than the margin through
+    which it fell: one that rests without a load has one, and a load that then grows presses it through."""
+    height = rounding(mode.length.dtype) * mode.length + mode.margin
+    return jnp.sqrt(4 * jnp.abs(gap_acceleration) * height)
 
 
 def _acted_on(geometry: ContactGeometry, event) -> Bool[Array, "contact"]:

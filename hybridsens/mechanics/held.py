@@ -1,30 +1,25 @@
 """What held contacts meet inside a step.
 
-Where everything that moves is held, the flow is trivial and no error limits the steps. A load that depends on time may
-then let a contact go, and press it again, between the ends of a step: its multiplier is looked at inside of it too. And
-a gap may have a hill between the stages of a step, which the motion would pass through: its way is looked at as well.
+Where all that moves is held or moves freely along its contacts, the flow is trivial and no error limits the steps. A
+load that depends on time or place may then let a contact go, and press it again, between the ends of a step. And a gap
+may have a hill between the stages of a step, which the motion would pass through. Both are looked for by bounds, and
+the step is halved where they come.
 """
-
-from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import Array, Float
 
 from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
-from ..numerics.cubic import hides_a_dip
+from ..numerics.dense import solve_masked
 from ..search.path import Path
 from ..search.stretches import search_gaps
-from .contact import contact_jacobian
-from .flow import multipliers_and_rates
+from .contact import contact_geometry, contact_jacobian
 from .mode import ContactMode
 from .scene import AbstractScene
-
-PLACES = (0.29, 0.62)
-"""Where inside a step multipliers are looked at: at uneven fractions, so that no period fits them all."""
-
 
 SLACK = 1e-2
 """By what part of its own length, seen along the gap's gradient, the cubic of a resolved step may leave a contact that
@@ -32,35 +27,47 @@ is held along a curve."""
 
 
 def load_varies(scene: AbstractScene, t, q, v) -> bool:
-    """Whether a force depends on time, by more than a straight line, as far as its trace tells."""
+    """Whether a force bends along the way of a held body, as far as its trace tells: by time, and by place where a body
+    that is held can move."""
+    still, moves = (np.full(q.shape, kind) for kind in (Kind.CONSTANT, Kind.AFFINE))
+    walls = jax.make_jaxpr(scene.gap)(t, q)
+    carried = (kinds(walls, [np.array(Kind.AFFINE), still]) > Kind.CONSTANT).any()
     trace = jax.make_jaxpr(scene.force)(t, q, v)
-    of = (Kind.AFFINE, Kind.CONSTANT, Kind.CONSTANT)
-    arguments = [np.full(x.shape, kind) for x, kind in zip(trace.in_avals, of, strict=True)]
-    return bool((kinds(trace, arguments) >= Kind.CURVED).any())
+    place = moves if carried or q.shape[0] > 1 else still
+    return bool((kinds(trace, [np.array(Kind.AFFINE), place, still]) >= Kind.CURVED).any())
 
 
-def search_held(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
-    """Where the multiplier of a held contact is found below zero inside a step. A step is halved where the cubics
-    through the multipliers and their rates, at its ends and between, could be missing a dip."""
-    watched = lambda multiplier, rate: (jnp.where(mode.active, multiplier, 1), jnp.where(mode.active, rate, 0))
+def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
+    """Whether a load lets a held contact go inside a step: then the step is halved, until its ends tell.
 
-    def sample(s):
-        t, q, slope = path.at(s)
-        return watched(*multipliers_and_rates(scene, t, q, slope / path.h, mode.active))
+    The multipliers are followed as lambda(s) = -W^-1 G^T M^-1 F along the path, with geometry as it is at the start,
+    and what that leaves at both ends taken off in proportion to s."""
+    h, t0, t1 = path.h, path.t0, path.t0 + path.h
 
     def look():
-        inside = lax.map(sample, jnp.asarray(PLACES, path.t0.dtype))  # one copy to compile
-        at = [watched(step.guard0, step.rate0), *zip(*inside, strict=True), watched(step.guard1, step.rate1)]
-        crossing, unsure = jnp.full_like(path.t0, jnp.inf), jnp.array(False)
-        for s, (multiplier, _) in reversed(list(zip(PLACES, at[1:-1], strict=True))):
-            crossing = jnp.where(jnp.any(multiplier < -tolerance), s, crossing)
-        for (s0, (g0, d0)), (s1, (g1, d1)) in pairwise(zip((0.0, *PLACES, 1.0), at, strict=True)):
-            width = (s1 - s0) * path.h
-            unsure = unsure | hides_a_dip(g0, width * d0, g1, width * d1, tolerance)
-        return Searched(crossing, jnp.where(unsure, 0.5, jnp.ones_like(path.t0)))
+        lift = _multipliers_of_a_load(scene, t0, path.coefficients[0], mode)
+        v0, v1 = (path.at(s)[2] / h for s in (0.0, 1.0))
+        along = lambda t, q: lift @ scene.force(t, q, v0 + (t - t0) / h * (v1 - v0))
+        off0, off1 = (end - along(*path.at(s)[:2]) for s, end in ((0.0, step.guard0), (1.0, step.guard1)))
 
-    nothing = Searched(jnp.full_like(path.t0, jnp.inf), jnp.ones_like(path.t0))
-    return lax.cond(wanted & jnp.any(mode.active), look, lambda: nothing)
+        def multiplier(t, q):
+            s = (t - t0) / h
+            return along(t, q) + (1 - s) * off0 + s * off1
+
+        rate = lambda s: jax.jvp(multiplier, path.at(s)[:2], (jnp.ones_like(h), path.at(s)[2] / h))[1]
+        ends = step._replace(rate0=rate(0.0), rate1=rate(1.0))
+        found = search_gaps(multiplier, path, ends, tolerance, mode.active, jnp.array(True))
+        return found._replace(crossing=never, reached=jnp.where(jnp.isfinite(found.crossing), 0.5, found.reached))
+
+    never = jnp.full_like(t0, jnp.inf)
+    return lax.cond(wanted & jnp.any(mode.active), look, lambda: Searched(never, jnp.ones_like(t0)))
+
+
+def _multipliers_of_a_load(scene: AbstractScene, t, q, mode: ContactMode) -> Float[Array, "contact dof"]:
+    """-W_AA^-1 G_A^T M^-1: the multipliers of the active contacts by each force."""
+    geometry, members = contact_geometry(scene, t, q), mode.active.astype(q.dtype)
+    of_one = lambda kick: solve_masked(geometry.delassus_matrix, -kick, members)
+    return jax.vmap(of_one, in_axes=1, out_axes=1)(geometry.mobility.T)
 
 
 def search_way(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMode, depth, wanted) -> Searched:

@@ -22,7 +22,7 @@ from .corners import is_not_smooth
 from .decisions import ImpactDetail, Limits, decide_transition
 from .few import Among, among_one
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
-from .held import load_varies, search_held, search_way
+from .held import load_varies, search_load, search_way
 from .laws import transition_impulse
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene
@@ -131,7 +131,7 @@ class MechanicalSystem(AbstractFlatSystem):
             if self.scene.sustained_contact:
                 found.append(search_way(self.scene, path, step, mode, self._resolved(mode), wanted))
         if self._load_varies(step.t0, step.x0):
-            found.append(search_held(self.scene, path, step, mode, tolerance, wanted))
+            found.append(search_load(self.scene, path, step, mode, tolerance, wanted))
         return Searched.first_of(found)
 
     def scales(self, t, x, mode: ContactMode):
