@@ -14,20 +14,18 @@ from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
-from .forward.method import Method
+from .forward.solver import Method
 from .mechanics.checks import check_kinds, check_room, check_shapes
-from .mechanics.closures import lift_closures
-from .mechanics.constant_mass import with_known_mass
-from .mechanics.discontinuities import warn_of_discontinuities
 from .mechanics.failed import shown_by_values
+from .mechanics.mass import with_known_mass
 from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
-from .mechanics.switch_rules import check_mode, check_switches, switch_rules, warn_of_switch
+from .mechanics.smoothness import warn_of_discontinuities
 from .mechanics.switched import SwitchedMode, SwitchedSystem
-from .mechanics.switches import AbstractSwitchedScene, in_mode
+from .mechanics.switches import AbstractSwitchedScene, check_mode, check_switches, in_mode, switch_rules, warn_of_switch
 from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Events, Trajectory
-from .mechanics.typed import Fixed, TypedScene, number
+from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
 from .reported import Reported

@@ -9,10 +9,8 @@ import jax.numpy as jnp
 
 from .system import AbstractHybridSystem
 from .validation.asked import Asked, kind_of
-from .validation.closures import hides_tracers, method_of
-from .validation.returned import must_have_shape, returned_array, returned_leaves
-from .validation.structures import must_be_pair, must_match, outcome
-from .validation.undifferentiated import undifferentiated, warn_of_mode_after
+from .validation.lost_derivatives import hides_tracers, method_of, undifferentiated, warn_of_mode_after
+from .validation.returned import must_be_pair, must_have_shape, must_match, outcome, returned_array, returned_leaves
 
 
 def state_as_arrays(x0) -> tuple[Any, Any]:

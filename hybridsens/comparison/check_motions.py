@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 
 from ..discontinuities import listed_breaks, that_matter
 from ..interval.breaks import Break
-from ..mechanics.discontinuities import scene_breaks
 from ..mechanics.scene import AbstractScene
+from ..mechanics.smoothness import scene_breaks
 from ..mechanics.switches import in_mode
 from ..mechanics.trajectory import Events
 from ..parameters import FlatParameters

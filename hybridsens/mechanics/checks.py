@@ -18,7 +18,7 @@ from .mass import ConstantMass, is_positive_definite, mass_entries
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene, State
 from .status import ContactStatus
-from .typed import as_written
+from .wrapped import as_written
 
 _FOR_EACH_GAP = " It must have an entry for each gap."
 
