@@ -13,9 +13,6 @@ from .validation.spelling import warn_of_near_names
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
 
-Flow = PyTree[Float[Array, "..."]]
-"""The continuous state x, or its rate: any PyTree of real arrays."""
-
 
 class AbstractHybridSystem(eqx.Module):
     """x' = flow(t, x, mode) until a guard falls through 0; then (x, mode) = transition(event, t, x, mode).

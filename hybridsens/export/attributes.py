@@ -12,11 +12,10 @@ from .trees import structure
 
 def attributes(kind: str, motion: Any) -> dict[str, Any]:
     """Attributes of a data set: what it holds, status, work, room for events."""
-    (code,) = jax.tree.leaves(motion.status)
     return {
         "hybridsens": kind,
         "status": motion.status.message or "successful",
-        "status_code": int(code),
+        "status_code": int(motion.status.code),
         "steps_accepted": int(motion.steps.accepted),
         "steps_rejected": int(motion.steps.rejected),
         "max_events": motion.events.time.shape[0],

@@ -9,9 +9,8 @@ import numpy as np
 
 def named_leaves(name: str, tree: Any) -> dict[str, np.ndarray]:
     """Name -> array, with the place in the tree behind the name: cost, cost.work, cost.forces.0."""
-    leaves = jax.tree_util.tree_leaves_with_path(tree)
-    label = lambda path: ".".join([name, *(str(_key(entry)) for entry in path)])
-    return {label(path): np.asarray(leaf) for path, leaf in leaves}
+    leaves = jax.tree_util.tree_leaves_with_path({name: tree})
+    return {jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf) for path, leaf in leaves}
 
 
 def variables(name: str, tree: Any, *leading: str, like: str = "") -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
@@ -68,8 +67,3 @@ class _Plain:
 
     def __repr__(self):
         return np.array2string(self.leaf)  # str() of a single number would show all of its digits
-
-
-def _key(entry) -> Any:
-    """What stands in brackets or behind a dot at one turn of the way to a leaf."""
-    return next(getattr(entry, name) for name in ("key", "idx", "name") if hasattr(entry, name))

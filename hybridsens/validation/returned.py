@@ -22,13 +22,18 @@ def returned_array(asked: Asked, *arguments) -> jax.ShapeDtypeStruct:
 
 
 def returned_leaves(asked: Asked, *arguments) -> list[jax.ShapeDtypeStruct]:
-    """The same for every leaf of the PyTree that a function returns; a leaf may also be a number."""
+    """The same for every leaf of the PyTree that a function returns, which must have some; a leaf may also be a
+    number."""
     leaf = lambda out: described(asked, np.asarray(out) if isinstance(out, float) else out)
-    return _returned(asked, arguments, lambda out: [leaf(part) for part in jax.tree.leaves(out)])
+    found = _returned(asked, arguments, lambda out: [leaf(part) for part in jax.tree.leaves(out)])
+    if not found:
+        raise TypeError(f"`{asked.name}` must return real numbers, but returns nothing: is a `return` missing?")
+    return found
 
 
 def _returned(asked: Asked, arguments, describe: Callable) -> Any:
     """What is said of a function's outcome. JAX is handed nothing back: it would refuse in its own words."""
+    asked.must_be_callable(asked.function)
     found = []
 
     def call(function, *arguments):
