@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .export.libraries import optional
+from .export.datasets import optional
 from .export.names import names_of
 from .export.trees import restored
 from .mechanics.scene import State

@@ -11,10 +11,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from .export.attributes import must_be_one, with_structure
-from .export.html import preformatted
-from .export.netcdf import write_netcdf
+from .export.datasets import must_be_one, with_structure, write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
+from .export.text import preformatted
 from .export.trees import as_text
 from .numerics.sample_times import must_lie_within, with_room
 from .outcome import Steps

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 from jaxtyping import Array, Float, Int, PyTree
 
-from .export.printed import printed
+from .export.text import printed
 from .validation.numbers import numbers_to_arrays
 from .validation.spelling import warn_of_near_names
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..export.columns import TERMINAL, name_and_numbers, wrapped
-from ..export.html import preformatted
+from ..export.text import TERMINAL, name_and_numbers, preformatted, wrapped
 
 COLUMNS = (
     "value", "value_error", "gradient_error", "forward_seconds", "gradient_seconds", "compile_seconds", "peak_memory",

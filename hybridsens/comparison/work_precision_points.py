@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..export.html import preformatted
+from ..export.text import preformatted
 from ..settings import finest_tolerance
 
 TARGETS = (1e-4, 1e-6, 1e-8)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..export.libraries import optional
+from ..export.datasets import optional
 
 
 def fit_dataset(result: Any):

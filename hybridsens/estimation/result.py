@@ -6,8 +6,8 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from ..export.html import preformatted
-from ..export.netcdf import write_netcdf
+from ..export.datasets import write_netcdf
+from ..export.text import preformatted
 from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 from .data import Measurements

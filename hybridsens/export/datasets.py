@@ -1,6 +1,9 @@
-"""What the data sets of all motions share: how the motion ended, and the outline from which a file is read back."""
+"""What all data sets share: libraries that only the ways out need, how a motion ended, the outline from which a file is
+read back, and the file."""
 
 import json
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -8,6 +11,16 @@ import jax.core
 import numpy as np
 
 from .trees import structure
+
+
+def optional(library: str, wanted_by: str, extra: str = "tables") -> Any:
+    """The library. Raises: ImportError that says what asked for it and which extra brings it."""
+    try:
+        return import_module(library)
+    except ImportError as error:
+        raise ImportError(
+            f"{wanted_by} needs {library}, which is not installed: pip install 'hybridsens[{extra}]'."
+        ) from error
 
 
 def attributes(kind: str, motion: Any) -> dict[str, Any]:
@@ -40,3 +53,14 @@ def must_be_one(count, wanted_by: str) -> None:
             f"{wanted_by} must be called on one motion, but this is a batch of {np.shape(count)}: take one of it by "
             "jax.tree.map(lambda leaf: leaf[i], batch)."
         )
+
+
+def write_netcdf(dataset: Any, path: str | Path) -> None:
+    """Write the xarray Dataset. Raises: ValueError for a path with the ending of another kind of file."""
+    if Path(path).suffix not in {".nc", ""}:
+        raise ValueError(
+            f"`path` must end in .nc, or have no ending, since `save` writes netCDF, but is {Path(path).name}: name it "
+            "so. The tables of a motion are written by `motion.to_pandas().to_csv(path)` and "
+            "`motion.events.to_pandas().to_csv(path)`."
+        )
+    dataset.to_netcdf(path, engine="netcdf4")
