@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
+from ..export.datasets import optional
 from ..mechanics.mode import EventKind
 from ..parameters import parameters
 from ..status import Status
 from .designs import Design
-from .point import NOT_COMPUTED, status_names
+from .point import NOT_COMPUTED
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,7 +96,7 @@ def _variable(name, struct, design: Design, units) -> Variable:
     dims = (*design.shape, *inner)
     attributes = {"long_name": meaning} | _units(name, units)
     if name == "status":
-        attributes |= _flags(status_names())
+        attributes |= _flags(Status.names())
     if name == "event_kind":
         attributes |= _flags([kind.name.lower() for kind in EventKind])
     return Variable(dims, (*design.shape.values(), *struct.shape), np.dtype(struct.dtype), attributes)
@@ -123,11 +124,6 @@ def _flags(meanings) -> dict[str, Any]:
 
 def _inner_dims(name, shape) -> tuple[str, ...]:
     return tuple(f"{name}_{axis}" for axis in range(len(shape)))
-
-
-def remedy(code: int) -> str:
-    """What a status means and what to do about it."""
-    return Status.messages()[code]
 
 
 def from_memory(
@@ -160,16 +156,6 @@ def gradients(dataset: "xr.Dataset") -> dict[str, "xr.DataArray"]:
     return {str(name).removeprefix("dJ_d"): dataset[name] for name in dataset.data_vars if str(name).startswith("dJ_d")}
 
 
-def remedies(dataset: "xr.Dataset") -> dict[str, str]:
-    """What each status of the Dataset means."""
-    names = dataset.status.attrs["flag_meanings"].split()[1:]
-    return {name: remedy(code) for code, name in enumerate(names)}
-
-
-def xarray():
+def xarray() -> Any:
     """The package, or a word about how to get it."""
-    try:  # an optional extra
-        import xarray
-    except ImportError as error:
-        raise ImportError("A sweep needs xarray: pip install 'hybridsens[sweep]'.") from error
-    return xarray
+    return optional("xarray", "A sweep", "sweep")

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..export.datasets import optional
 from .dataset import Variable
 from .point import NOT_COMPUTED
 
@@ -168,10 +169,5 @@ def _create(location, digest, layout, coordinates, edges, attributes):
     group.attrs.update(attributes | {"coordinates": " ".join(coordinates), _MARK: {"digest": digest, "state": _READY}})
 
 
-def _zarr():
-    try:  # an optional extra
-        import zarr
-        import zarr.errors
-    except ImportError as error:
-        raise ImportError("A store needs Zarr: pip install 'hybridsens[sweep]'.") from error
-    return zarr
+def _zarr() -> Any:
+    return optional("zarr", "A store", "sweep")
