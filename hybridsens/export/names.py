@@ -3,6 +3,8 @@
 import re
 from typing import Any, NamedTuple
 
+_WITH_UNIT = re.compile(r"(.+?)\s+\[(.*)\]")
+
 
 class Names(NamedTuple):
     """The names that a scene gives, where the scene itself is not known; None for what it does not name."""
@@ -34,6 +36,12 @@ def _rate(name: str) -> str:
         return f"{name} rate"
     unit = "1/s" if found[2] in {"", "1"} else f"{found[2]}/s"
     return f"{found[1]} rate [{unit}]"
+
+
+def split_unit(name: str) -> tuple[str, str | None]:
+    """("height", "m") of "height [m]"; ("q[0]", None) of what has no unit behind a space."""
+    found = _WITH_UNIT.fullmatch(name)
+    return (name, None) if found is None else (found[1], found[2])
 
 
 def unit_of_contact(scene: Any, unit: str) -> str:
