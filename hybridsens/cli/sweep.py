@@ -77,8 +77,7 @@ def _use_all_cores() -> None:
 
 
 def _cost(t1, tolerance, max_events, max_steps):
-    from ..comparison.functional import ready_made_motion
-    from ..comparison.move import move
+    from ..comparison.functional import move, ready_made_motion
 
     settings = dict(t1=t1, rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps, throw=False)
 

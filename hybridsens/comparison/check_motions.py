@@ -16,8 +16,7 @@ from ..mechanics.switches import in_mode
 from ..mechanics.trajectory import Events
 from ..parameters import FlatParameters
 from ..status import Status
-from .functional import Cost
-from .move import move
+from .functional import Cost, move
 
 
 class BreakFound(NamedTuple):

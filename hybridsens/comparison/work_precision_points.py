@@ -1,6 +1,10 @@
-"""What a work-precision study finds: its points, the best of them, and what to choose."""
+"""What a work-precision study finds: its points, in a CSV file too, the best of them, and what to choose."""
 
-from typing import NamedTuple
+import csv
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -82,3 +86,63 @@ class WorkPrecision(NamedTuple):
         if best is None:
             return f"for gradient error {gradient_error:.0e} on this scene: no point reaches it"
         return f"for gradient error {gradient_error:.0e} on this scene: {best.label}: {1e3 * best.seconds:.3g} ms"
+
+
+REFERENCE, SETTINGS = "reference_value", "settings"
+"""Columns that tell whose points these are: with the J that the errors were measured against, and with the settings
+that all points share."""
+
+
+def check_place(path: Path) -> None:
+    """Raises: ValueError for another ending than .csv, or a folder that is not there."""
+    if path.suffix != ".csv":
+        raise ValueError(f"`store` must end in .csv, but is {path}.")
+    if not path.parent.is_dir():
+        raise ValueError(f"`store` must lie in a folder that is there, but {path.parent} is not: make it first.")
+
+
+def write_points(path: Path, points: Sequence[Point], reference: float, settings: Mapping[str, Any]) -> None:
+    """Write all points in one move, so that a run that is killed leaves the whole file of one point before."""
+    rows = [point._asdict() | {REFERENCE: reference, SETTINGS: _text(settings)} for point in points]
+    beside = path.with_name(path.name + ".part")
+    _write_csv(beside, rows)
+    os.replace(beside, path)
+
+
+def read_points(path: Path, reference: float, settings: Mapping[str, Any]) -> tuple[Point, ...]:
+    """Points of a study that was begun before; none if there is no file.
+
+    Raises: ValueError if they are no such points, were measured against another J (another scene or another cost), or
+    under other settings.
+    """
+    if not path.exists():
+        return ()
+    rows, columns = list(_read_csv(path)), (*Point._fields, REFERENCE, SETTINGS)
+    if any(set(row) != set(columns) for row in rows):
+        raise ValueError(f"{path} must have the columns {', '.join(columns)}, but has others.")
+    others = sorted({row.pop(SETTINGS) for row in rows} - {_text(settings)})
+    if others:
+        raise ValueError(
+            f"{path} must have points under the settings {_text(settings)}, but has some under {'; '.join(others)}. "
+            "Give the study another `store`."
+        )
+    known = {float(row.pop(REFERENCE)) for row in rows}
+    if not np.allclose(list(known), reference, rtol=1e-9, atol=0):
+        raise ValueError(f"{path} must have points of the same J = {reference:.12g}, but has those of J = {known}.")
+    return tuple(Point(**{name: Point.__annotations__[name](value) for name, value in row.items()}) for row in rows)
+
+
+def _text(settings: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name}={value}" for name, value in sorted(settings.items()))
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    with open(path, "w", newline="") as file:
+        table = csv.DictWriter(file, [*Point._fields, REFERENCE, SETTINGS])
+        table.writeheader()
+        table.writerows(rows)
+
+
+def _read_csv(path: Path) -> Iterable[dict[str, Any]]:
+    with open(path, newline="") as file:
+        yield from csv.DictReader(file)
