@@ -12,11 +12,12 @@ from rich.console import Console
 from rich.table import Table
 
 from ..comparison.demo import Demonstration, demonstrate, relative_errors
+from ..export.text import MOST_ROWS
 from ..mechanics.mode import EventKind
 from ..mechanics.trajectory import Trajectory
 from ..plot import plot_gradients, plot_trajectory
 from ..plot.solution import draw_solution
-from ..solution import MOST_ROWS, Solution, SolutionEvents
+from ..solution import Solution, SolutionEvents
 from ..status import Status
 from ..waiting import waiting
 from .models import HELP, complete, file_name, runnable, text

@@ -27,6 +27,16 @@ def name_and_numbers(name: str, numbers: str, width: int, remark: str = "") -> s
     return f"{name}  {remark}".rstrip() + (f"\n{numbers:>{TERMINAL}}" if numbers else "")
 
 
+MOST_ROWS = 20
+"""How many rows of a long table are shown."""
+
+
+def rows_shown(count: int) -> list[int | None]:
+    """Numbers of the rows of a table that are shown: all, or the first and the last with None between them."""
+    half = MOST_ROWS // 2
+    return list(range(count)) if count <= MOST_ROWS else [*range(half), None, *range(count - half + 1, count)]
+
+
 def wrapped(text: str, indent: int) -> str:
     """A sentence over as many lines as it takes, all but the first indented."""
     return textwrap.fill(text, TERMINAL, subsequent_indent=" " * indent, break_on_hyphens=False)
@@ -57,7 +67,7 @@ SMALL = 12
 
 
 class Numbers:
-    """What stands for an array while a module is printed."""
+    """What stands for an array while a tree is printed."""
 
     def __init__(self, text: str):
         self.text = text

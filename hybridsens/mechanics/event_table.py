@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 from ..export.names import contact_names
+from ..export.text import rows_shown
 from ..export.trees import as_text
 from .mode import EventKind
 from .scene import State
@@ -33,10 +34,9 @@ def event_table(events: Any):
     wide = max(map(len, ["contact", *names]))
     numbers = f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>{wide}} {'closing speed':>14} {'impulse':>12}"
     yield f"{numbers}  state{mode} after"
-    shown = list(range(count)) if count <= 20 else [*range(10), None, *range(count - 9, count)]
-    for j in shown:
+    for j in (shown := rows_shown(count)):
         if j is None:
-            yield f"{'...':>5} ({count - 19} more)"
+            yield f"{'...':>5} ({count - len(shown) + 1} more)"
             continue
         kind = EventKind(int(events.kind[j])).name.lower()
         after, speed = _after(events, j), float(events.closing_speed[j])
