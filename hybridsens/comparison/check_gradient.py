@@ -18,8 +18,7 @@ from .check_causes import ParameterCheck, find_causes
 from .check_events import check_events
 from .check_motions import on_sequence, value_with_calls
 from .check_report import GradientCheck
-from .differentiate import QUICKLY, value_and_gradient
-from .finite_differences import best_finite_differences, rounding_of_slopes, slopes_nearby
+from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby, value_and_gradient
 from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end, told_of_the_cost
 from .gradient_methods import from_adjoint
 

@@ -16,7 +16,7 @@ from ..status import Status
 from ..system import AbstractHybridSystem
 from .baselines import where_transition
 from .baselines.fixed_steps import naive_motion
-from .finite_differences import finite_differences
+from .differentiate import finite_differences
 from .functional import move, ready_made_motion
 
 REFERENCE_TOLERANCE = 1e-12
