@@ -16,7 +16,7 @@ from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .forward.solver import Method
 from .mechanics.checks import check_kinds, check_room, check_shapes
-from .mechanics.failed import shown_by_values
+from .mechanics.event_table import shown_by_values
 from .mechanics.mass import with_known_mass
 from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
