@@ -37,7 +37,7 @@ def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
     count = int(solution.events.count)
     for panel, (name, samples) in zip(axes, states.items(), strict=False):
         whole = np.concatenate([before[name][:count], after[name][:count], samples])[order]
-        _draw(panel, t, whole, name, "default")
+        _draw(panel, t, whole, name)
     if modes:
         _draw_modes(axes[-2], solution, modes)
     _draw_events(axes[-1], solution)
@@ -67,12 +67,12 @@ def _modes(solution: Solution) -> dict[str, np.ndarray]:
     return {name: leaf for name, leaf in _rows("mode", modes).items() if leaf.shape[1] == 1}
 
 
-def _draw(axes: Axes, t, values, name: str, style: str) -> None:
+def _draw(axes: Axes, t, values, name: str) -> None:
     shown = values[:, :MOST]
     for i in range(shown.shape[1]):
         colour, line = LINES[i % len(LINES)]
         label = f"{name}[{i}]" if shown.shape[1] > 1 else None
-        axes.plot(t, shown[:, i], line, color=colour, linewidth=1.3, label=label, drawstyle=style)
+        axes.plot(t, shown[:, i], line, color=colour, linewidth=1.3, label=label)
     axes.set_ylabel(name)
     if shown.shape[1] > 1:
         axes.legend(ncols=shown.shape[1], **ABOVE)
