@@ -32,9 +32,8 @@ from benchmarks.fit_problems import DifferencesProblem, NaiveProblem, like  # no
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.estimation import GrowingHorizon  # noqa: E402
-from hybridsens.estimation.descend import Limits, descend  # noqa: E402
+from hybridsens.estimation.descend import Callbacks, GuessFailed, Limits, descend  # noqa: E402  # noqa: E402
 from hybridsens.estimation.growing import Growing  # noqa: E402
-from hybridsens.estimation.history import Callbacks, GuessFailed  # noqa: E402
 from hybridsens.estimation.iterate import BatchSize  # noqa: E402
 from hybridsens.estimation.least_squares import linearise  # noqa: E402
 from hybridsens.estimation.optimizers import method  # noqa: E402

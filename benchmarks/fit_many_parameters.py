@@ -27,8 +27,11 @@ from benchmarks.fit_motions import SLOWLY  # noqa: E402
 from benchmarks.rows import show, write  # noqa: E402
 from hybridsens.adjoint.methods import Replay  # noqa: E402
 from hybridsens.estimation import measurements, prepare  # noqa: E402
-from hybridsens.estimation.descend import Limits, descend  # noqa: E402
-from hybridsens.estimation.history import Callbacks  # noqa: E402
+from hybridsens.estimation.descend import (  # noqa: E402
+    Callbacks,  # noqa: E402
+    Limits,
+    descend,
+)
 from hybridsens.estimation.iterate import BatchSize  # noqa: E402
 from hybridsens.estimation.optimizers import method  # noqa: E402
 from hybridsens.estimation.problem import Problem  # noqa: E402

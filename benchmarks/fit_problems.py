@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from hybridsens import Status
 from hybridsens.adjoint.methods import Replay
-from hybridsens.comparison.naive import naive_motion
+from hybridsens.comparison.baselines.fixed_steps import naive_motion
 from hybridsens.estimation.problem import Problem
 from hybridsens.mechanics.scene import State
 

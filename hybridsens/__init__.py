@@ -38,8 +38,7 @@ if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and edi
     from .comparison.check_gradient import check_gradient
     from .comparison.check_report import GradientCheck
     from .comparison.compare import compare
-    from .comparison.compare_plot import plot_comparison
-    from .comparison.compare_table import Comparison
+    from .comparison.compare_table import Comparison, plot_comparison
     from .comparison.lyapunov import lyapunov
     from .comparison.work_precision import WorkPrecision, work_precision
     from .comparison.work_precision_plot import plot_work_precision
@@ -74,7 +73,7 @@ _STUDIES = {
     "check_gradient": "comparison.check_gradient",
     "Comparison": "comparison.compare_table",
     "compare": "comparison.compare",
-    "plot_comparison": "comparison.compare_plot",
+    "plot_comparison": "comparison.compare_table",
     "WorkPrecision": "comparison.work_precision",
     "work_precision": "comparison.work_precision",
     "plot_work_precision": "comparison.work_precision_plot",

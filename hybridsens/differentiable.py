@@ -19,7 +19,7 @@ from .validation.direction import FORWARD_OVER_REVERSE, forward_only
 from .xla.batches import Done, Mapped
 from .xla.packed import Packed, pack
 from .xla.single_kernel import in_one_kernel
-from .xla.trace_cache import TracedOnce
+from .xla.tracing import TracedOnce
 
 
 class Record(NamedTuple):

@@ -29,13 +29,18 @@ def warn_of_system(system: AbstractHybridSystem, cost_rate: Callable | None, giv
     transition may choose as it likes."""
     if system.known_discontinuities:
         return
+    found = that_matter(system_breaks(system, cost_rate, given), times_declared)
+    moved = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
+    warn(found, remedies_for(moved, REMEDIES), "system")
+
+
+def system_breaks(system: AbstractHybridSystem, cost_rate: Callable | None, given) -> dict[str, list[Break]]:
+    """Kinks and jumps of each function of a system, by its name; of a running cost jumps alone."""
     of = lambda function: listed_breaks(function, ("t", "x", None), given)
     found = {"flow": of(system.flow), "guards": of(system.guards)}
     if cost_rate is not None:
         found["running_cost"] = [b for b in of(cost_rate) if b.jump]
-    found = that_matter(found, times_declared)
-    moved = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
-    warn(found, remedies_for(moved, REMEDIES), "system")
+    return found
 
 
 def remedies_for(moved: Mapping[str, Iterable[str]], remedies: Mapping[str, str]) -> list[str]:

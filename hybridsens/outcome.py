@@ -41,12 +41,11 @@ def raise_unless_successful(trajectory: Motion, describe: Callable[[Any], str] =
     only the compiled program sees it, JAX makes a JaxRuntimeError of it (a ValueError where the program ran on in the
     background and is waited for).
     """
-    (code,) = jax.tree.leaves(jax.tree.map(_without_tangent, cast(Any, trajectory).status))
-    worst = _worst(jnp.asarray(code))
+    worst = _worst(jnp.asarray(_without_tangent(cast(Any, trajectory).status.code)))
     if isinstance(worst, jax.core.Tracer):
         one = _one_or_raise(worst)  # a factor, so that what a gradient comes from has been checked too
         return jax.tree.map(lambda leaf: _times(leaf, one) if eqx.is_array(leaf) else leaf, trajectory)
-    if worst != _code(Status.successful):
+    if worst != Status.successful.code:
         raise SimulationError(_message(worst) + describe(trajectory))
     return trajectory
 
@@ -75,18 +74,9 @@ def _spoil_jvp(primals, tangents):
 
 
 def _message(code) -> str:
-    status = _status(code)
+    status = Status(np.asarray(code))
     became = "could not begin" if status.at_start else "did not reach its end"
     return f"The motion {became} ({Status.names()[int(code)]}): {status.message}"
-
-
-def _status(code) -> Any:
-    return jax.tree.unflatten(jax.tree.structure(Status.successful), [np.asarray(code)])
-
-
-def _code(status) -> int:
-    (code,) = jax.tree.leaves(status)
-    return int(code)
 
 
 @jax.custom_batching.custom_vmap
@@ -104,7 +94,7 @@ def _worst_of_batch(size, batched, codes):
 def _one_or_raise(code):
     """1, by a branch that raises if it is not to be: nothing that hangs on it is computed before."""
     one = jnp.ones((), jnp.int32)
-    return lax.cond(code == _code(Status.successful), lambda: one, lambda: _call_host(_raise, jax.typeof(one), code))
+    return lax.cond(code == Status.successful.code, lambda: one, lambda: _call_host(_raise, jax.typeof(one), code))
 
 
 def _times(leaf, one):

@@ -13,15 +13,13 @@ from .adjoint.backward import pull_back
 from .adjoint.control import DerivativeControl, control_order
 from .adjoint.forward_sensitivity import ForwardPass, push_forward
 from .adjoint.methods import AbstractGradientMethod
-from .adjoint.segment_steps import recomputed_steps, recorded_steps
-from .adjoint.step_parameters import in_steps
-from .adjoint.steps_back import BackwardPass
+from .adjoint.step import in_steps
+from .adjoint.steps_back import BackwardPass, recomputed_steps, recorded_steps
 from .flat_system import AbstractFlatSystem, Mode
-from .forward.method import Method
 from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
 from .forward.segment_loop import run_segments
-from .forward.solver import TERM, FlowSize, flow_size
+from .forward.solver import TERM, FlowSize, Method, flow_size
 from .numerics.batch_axes import batch_in_front
 from .observables import Observables, filled
 from .reported import in_rows_recorded, report

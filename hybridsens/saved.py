@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .export.libraries import optional
+from .export.datasets import optional
 from .export.names import names_of
 from .export.trees import restored
 from .mechanics.scene import State
@@ -88,9 +88,7 @@ def _steps(attributes) -> Steps:
 
 
 def _status(attributes) -> Status:
-    status: Any = jax.tree.unflatten(
-        jax.tree.structure(Status.successful), [jnp.asarray(attributes["status_code"], jnp.int32)]
-    )
+    status = Status(jnp.asarray(attributes["status_code"], jnp.int32))
     if (status.message or "successful") != attributes["status"]:
         raise ValueError("The file is of another version of hybridsens, in which a status has another number.")
     return status

@@ -13,7 +13,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from .adjoint.methods import AbstractGradientMethod
-from .forward.method import Method
+from .forward.solver import Method
 from .status import Status
 from .validation.arguments import real_array, real_fraction, real_tolerance
 from .validation.asked import Asked, kind_of

@@ -14,20 +14,19 @@ from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
-from .forward.method import Method
+from .forward.solver import Method
 from .mechanics.checks import check_kinds, check_room, check_shapes
-from .mechanics.closures import lift_closures
-from .mechanics.constant_mass import with_known_mass
-from .mechanics.discontinuities import warn_of_discontinuities
-from .mechanics.failed import shown_by_values
+from .mechanics.event_table import shown_by_values
+from .mechanics.mass import with_known_mass
 from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
-from .mechanics.switch_rules import check_mode, check_switches, switch_rules, warn_of_switch
+from .mechanics.smoothness import warn_of_discontinuities
 from .mechanics.switched import SwitchedMode, SwitchedSystem
-from .mechanics.switches import AbstractSwitchedScene, in_mode
+from .mechanics.switches import AbstractSwitchedScene, check_mode, check_switches, in_mode, switch_rules, warn_of_switch
 from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Events, Trajectory
-from .mechanics.typed import Fixed, TypedScene, number
+from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
+from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
 from .reported import Reported
@@ -177,20 +176,17 @@ def _simulate(
     if isinstance(system, SwitchedSystem):
         warn_of_switch(system.rules, contacts.scene, t0, state.q, state.v, system.mode_like)
     contacts = dataclasses.replace(contacts, scene=with_known_mass(contacts.scene, state.q))
-    cost_shape = None
-    if contacts.running_cost is not None:
-        cost_shape = jax.eval_shape(lambda: contacts.cost_rate(t0, state.q, state.v))
-    z = jnp.zeros(sum(leaf.size for leaf in jax.tree.leaves(cost_shape)), state.q.dtype)
-    x0 = jnp.concatenate([state.q, state.v, z])
+    cost = Shapes.of(jax.eval_shape(lambda: contacts.cost_rate(t0, state.q, state.v)))
+    x0 = jnp.concatenate([state.q, state.v, jnp.zeros(cost.size, state.q.dtype)])
     mode = open_mode(jax.eval_shape(contacts.scene.gap, t0, state.q).shape[0], state.q.dtype)
     system, mode = system.begin(contacts, mode, x0) if isinstance(system, SwitchedSystem) else (contacts, mode)
     status = horizon_status(t0, t1, ts, method, number(contacts.capture_speed))
     options = Options(mode, status, method)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
-    return _trajectory(contacts, ts, reported, cost_shape)
+    return _trajectory(contacts, ts, reported, cost)
 
 
-def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) -> Trajectory:
+def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) -> Trajectory:
     final, samples, states = reported.observed
     happened = jnp.arange(states.time.shape[0]) < reported.count
     who, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
@@ -207,7 +203,7 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) ->
     )
     sampled = (None, None) if samples is None else system.split(samples)[:2]
     return Trajectory(
-        ts, *sampled, State(q, v), _unravel(z, cost_shape), events, closed, reported.status,
+        ts, *sampled, State(q, v), cost.restore(z), events, closed, reported.status,
         Steps(reported.accepted, reported.rejected), mode,
     )  # fmt: skip
 
@@ -215,14 +211,6 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost_shape) ->
 def _modes(mode: ContactMode | SwitchedMode):
     """Contacts held closed, and the scene's own mode."""
     return (mode.contacts.active, mode.own) if isinstance(mode, SwitchedMode) else (mode.active, None)
-
-
-def _unravel(z, cost_shape):
-    leaves, tree = jax.tree.flatten(cost_shape)
-    sizes = [leaf.size for leaf in leaves]
-    places = [sum(sizes[:i]) for i in range(len(sizes))]
-    parts = [z[p : p + leaf.size].reshape(leaf.shape) for p, leaf in zip(places, leaves, strict=True)]
-    return tree.unflatten(parts)
 
 
 def _as_arrays(t0, t1, ts, state):

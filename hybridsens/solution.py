@@ -11,10 +11,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from .export.attributes import must_be_one, with_structure
-from .export.html import preformatted
-from .export.netcdf import write_netcdf
+from .export.datasets import must_be_one, with_structure, write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
+from .export.text import preformatted, rows_shown
 from .export.trees import as_text
 from .numerics.sample_times import must_lie_within, with_room
 from .outcome import Steps
@@ -129,10 +128,6 @@ class Solution(eqx.Module):
             yield f"cost: {as_text(self.cost)}"
 
 
-MOST_ROWS = 20
-"""How many events a print shows."""
-
-
 def last_events(solution: Solution, shown: int = 3) -> str:
     """The last events of one motion with their modes, as an end to an error message; "" where they cannot be seen."""
     events = solution.events
@@ -153,11 +148,9 @@ def _table(events: SolutionEvents):
     if count == 0:
         return
     yield f"{'event':>5} {'time':>14} {'guard':>5}  mode after; state after"
-    shown = range(count) if count <= MOST_ROWS else [*range(MOST_ROWS // 2), *range(count - MOST_ROWS // 2 + 1, count)]
-    last = -1
-    for j in shown:
-        if j > last + 1:
-            yield f"{'...':>5} ({j - last - 1} more)"
+    for j in (shown := rows_shown(count)):
+        if j is None:
+            yield f"{'...':>5} ({count - len(shown) + 1} more)"
+            continue
         mode = "" if events.mode is None else f"{as_text(_row(events.mode, j))}; "
         yield f"{j:>5} {float(events.time[j]):>14.9f} {int(events.guard[j]):>5}  {mode}{as_text(_row(events.after, j))}"
-        last = j

@@ -14,7 +14,7 @@ from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .discontinuities import warn_of_system
 from .flattened import FlattenedSystem
-from .forward.method import Method
+from .forward.solver import Method
 from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem

@@ -6,15 +6,12 @@ from typing import Any, ClassVar
 import equinox as eqx
 from jaxtyping import Array, Float, Int, PyTree
 
-from .export.printed import printed
+from .export.text import printed
 from .validation.numbers import numbers_to_arrays
 from .validation.spelling import warn_of_near_names
 
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
-
-Flow = PyTree[Float[Array, "..."]]
-"""The continuous state x, or its rate: any PyTree of real arrays."""
 
 
 class AbstractHybridSystem(eqx.Module):

@@ -8,11 +8,9 @@ import jax
 import jax.numpy as jnp
 
 from .system import AbstractHybridSystem
-from .validation.asked import Asked, kind_of
-from .validation.closures import hides_tracers, method_of
-from .validation.returned import must_have_shape, returned_array, returned_leaves
-from .validation.structures import must_be_pair, must_match, outcome
-from .validation.undifferentiated import undifferentiated, warn_of_mode_after
+from .validation.asked import Asked
+from .validation.lost_derivatives import hides_tracers, method_of, undifferentiated, warn_of_mode_after
+from .validation.returned import must_be_pair, must_have_shape, must_match, outcome, returned_array, returned_leaves
 
 
 def state_as_arrays(x0) -> tuple[Any, Any]:
@@ -76,12 +74,7 @@ def check_system(system: AbstractHybridSystem, running_cost, t, x, mode) -> tupl
         must_match(transition, "the mode", after[1], mode, exact=True)
     if running_cost is None:
         return counts, None
-    if not callable(running_cost):
-        raise TypeError(
-            f"`running_cost` must be a function of (system, t, x, mode), but is {kind_of(running_cost)}."
-        )
-    if not returned_leaves(Asked("running_cost(system, t, x, mode)", running_cost), system, t, x, mode):
-        raise TypeError("`running_cost` must return real numbers, but returns nothing: is a `return` missing?")
+    returned_leaves(Asked("running_cost(system, t, x, mode)", running_cost), system, t, x, mode)
     return counts, eqx.filter_eval_shape(running_cost, system, t, x, mode)
 
 

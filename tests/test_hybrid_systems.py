@@ -8,7 +8,7 @@ import pytest
 import hybridsens as hs
 from hybridsens.differentiable import differentiable_motion
 from hybridsens.flat_system import AbstractFlatSystem, Decision
-from hybridsens.forward.method import Method
+from hybridsens.forward.solver import Method
 from hybridsens.passes import Options, Problem
 from tests.closeness import assert_close
 

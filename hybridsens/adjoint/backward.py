@@ -15,8 +15,7 @@ from ..xla.packed import pack
 from .control import FORESEEN
 from .jump import Jump, pull_jump_back
 from .no_length import pull_through
-from .segment_steps import Steps
-from .steps_back import BackwardPass, Costate, through_steps
+from .steps_back import BackwardPass, Costate, Steps, through_steps
 
 
 class Gradient(NamedTuple):

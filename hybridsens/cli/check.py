@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from .as_json import Json, print_json
 from .models import HELP, complete, runnable
+from .options import Json, print_json
 
 
 def check(

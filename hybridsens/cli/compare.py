@@ -23,7 +23,7 @@ def compare(
 ) -> None:
     """Gradients by this package and by naive automatic differentiation: errors, times, memory. Ctrl-C keeps rows."""
     from ..comparison.compare import compare as run  # matplotlib and the baselines are needed by this command only
-    from ..comparison.compare_plot import plot_comparison
+    from ..comparison.compare_table import plot_comparison
 
     chosen = runnable(scene)
     result = run(chosen, tolerance=tolerance, steps=steps)

@@ -12,17 +12,16 @@ from rich.console import Console
 from rich.table import Table
 
 from ..comparison.demo import Demonstration, demonstrate, relative_errors
+from ..export.text import MOST_ROWS
 from ..mechanics.mode import EventKind
 from ..mechanics.trajectory import Trajectory
 from ..plot import plot_gradients, plot_trajectory
 from ..plot.solution import draw_solution
-from ..solution import MOST_ROWS, Solution, SolutionEvents
+from ..solution import Solution, SolutionEvents
 from ..status import Status
 from ..waiting import waiting
-from .as_json import Json, print_json
-from .class_texts import text
-from .models import HELP, complete, file_name, runnable
-from .options import picture_to_write
+from .models import HELP, complete, file_name, runnable, text
+from .options import Json, picture_to_write, print_json
 
 WIDTH = 80
 

@@ -7,9 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from .as_json import Json, print_json
 from .models import HELP, complete, startable
-from .options import by_name, file_to_write, picture_to_write
+from .options import Json, by_name, file_to_write, picture_to_write, print_json
 
 
 def fit(

@@ -1,4 +1,4 @@
-"""Scenes and systems by name: a ready-made one, or a class of the user's own in a file."""
+"""Scenes and systems by name, ready-made or of a class in a file, and what they say of themselves."""
 
 import contextlib
 import importlib.util
@@ -118,3 +118,15 @@ def _load(path: Path) -> Any:
     with contextlib.redirect_stdout(sys.stderr):  # what the file prints is none of the command's output
         spec.loader.exec_module(module)
     return module
+
+
+def about(of: type) -> str:
+    """The first line of its module: what it is; its own text where the module has none."""
+    module = inspect.getmodule(of)
+    return ((inspect.getdoc(module) if module is not None else None) or text(of)).partition("\n")[0]
+
+
+def text(of: type) -> str:
+    """The text of a class; empty where it has only the signature that Python puts in its place."""
+    found = inspect.getdoc(of) or ""
+    return "" if found.startswith(f"{of.__name__}(") else found

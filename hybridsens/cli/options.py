@@ -1,10 +1,14 @@
-"""What options of several commands share: files that can be written, and what is given by name, once each."""
+"""What commands share: files that can be written, what is given by name, results as JSON for a program to read."""
 
+import enum
+import json
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Any, TypeVar
 
+import numpy as np
 import typer
 from matplotlib.figure import Figure
 
@@ -39,3 +43,28 @@ def by_name(option: str, texts: Sequence[str], read: Callable[[str], tuple[str, 
             given = ", ".join(text for text, (other, _) in zip(texts, pairs, strict=True) if other == name)
             raise typer.BadParameter(f"{option} must have each name once, but has {name!r} in {given}: leave one out")
     return dict(pairs)
+
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, for a program to read, and nothing else.")]
+
+
+def print_json(result: Any) -> None:
+    """Print a structure of dicts, lists, named tuples, numbers, texts and arrays: numbers in full, and null for what is
+    not finite."""
+    print(json.dumps(_plain(result), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, dict):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, enum.Enum):
+        return value.name.lower()
+    if isinstance(value, str | bool | int) or value is None:
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return _plain(np.asarray(value).tolist())

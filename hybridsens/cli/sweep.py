@@ -49,7 +49,7 @@ def sweep(
     chunk: Annotated[int, typer.Option(help="Points run and written at once.")] = 8192,
 ) -> None:
     """Run a scene at many points on all cores: J, its gradient, status and events of each."""
-    from ..export.netcdf import write_netcdf
+    from ..export.datasets import write_netcdf
     from ..sweeps import plot_sweep
     from ..sweeps import sweep as run_sweep
 
@@ -79,8 +79,7 @@ def _use_all_cores() -> None:
 
 
 def _cost(t1, tolerance, max_events, max_steps):
-    from ..comparison.functional import ready_made_motion
-    from ..comparison.move import move
+    from ..comparison.functional import move, ready_made_motion
 
     settings = dict(t1=t1, rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps, throw=False)
 

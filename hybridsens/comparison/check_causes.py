@@ -7,8 +7,8 @@ import numpy as np
 
 from ..discontinuities import REMEDIES as OF_SYSTEMS
 from ..discontinuities import remedies_for
-from ..mechanics.discontinuities import REMEDIES
 from ..mechanics.scene import AbstractScene
+from ..mechanics.smoothness import REMEDIES
 from ..mechanics.trajectory import Events
 from ..status import Status
 from .check_events import EventCheck

@@ -21,8 +21,7 @@ from ..parameters import flatten_parameters
 from ..simulate import simulate
 from ..status import Status
 from .check_motions import Call
-from .differentiate import QUICKLY
-from .finite_differences import best_finite_differences
+from .differentiate import QUICKLY, best_finite_differences
 
 MOST = 24
 """How many pieces of a motion are checked."""

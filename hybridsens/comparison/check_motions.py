@@ -8,16 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..discontinuities import listed_breaks, that_matter
+from ..discontinuities import system_breaks, that_matter
 from ..interval.breaks import Break
-from ..mechanics.discontinuities import scene_breaks
 from ..mechanics.scene import AbstractScene
+from ..mechanics.smoothness import scene_breaks
 from ..mechanics.switches import in_mode
 from ..mechanics.trajectory import Events
 from ..parameters import FlatParameters
 from ..status import Status
-from .functional import Cost
-from .move import move
+from .functional import Cost, move
 
 
 class BreakFound(NamedTuple):
@@ -96,17 +95,9 @@ def _undeclared_breaks(model, state, mode, t0, jump_ts, running_cost) -> tuple[B
         scene, running_cost = in_mode(model, running_cost, *(mode or (None,)))
         found = scene_breaks(scene, t0, state.q, state.v, running_cost)
     else:
-        found = _system_breaks(model, (t0, state, *(mode or (None,))), running_cost)
+        cost_rate = None if running_cost is None else lambda *instant: running_cost(model, *instant)
+        found = system_breaks(model, cost_rate, (t0, state, *(mode or (None,))))
     return tuple(sorted(_break_found(name, b) for name, those in that_matter(found, declared).items() for b in those))
-
-
-def _system_breaks(system, given, running_cost) -> dict[str, list[Break]]:
-    """Of each function of a hybrid system by its name; of a running cost jumps alone count."""
-    of = lambda function: listed_breaks(function, ("t", "x", None), given)
-    found = {"flow": of(system.flow), "guards": of(system.guards)}
-    if running_cost is not None:
-        found["running_cost"] = [b for b in of(lambda *instant: running_cost(system, *instant)) if b.jump]
-    return found
 
 
 def _break_found(function: str, b: Break) -> BreakFound:

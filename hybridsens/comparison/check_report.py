@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from ..export.columns import name_and_numbers, wrapped
-from ..export.html import preformatted
+from ..export.text import name_and_numbers, preformatted, wrapped
 from .check_causes import Cause, ParameterCheck
 from .check_events import EventCheck
 

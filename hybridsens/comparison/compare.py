@@ -17,7 +17,6 @@ from .compare_table import Comparison as Comparison
 from .compare_table import Reference as Reference
 from .compare_table import Row as Row
 from .differentiate import value_and_gradient
-from .failure import reason
 from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end, told_of_the_cost
 from .gradient_methods import (
     DEFAULT_ADJOINTS,
@@ -28,7 +27,7 @@ from .gradient_methods import (
     naive_methods_of_systems,
     our_methods,
 )
-from .timing import first_call, planned_memory, seconds_per_call
+from .timing import first_call, planned_memory, reason, seconds_per_call
 
 
 def compare(

@@ -15,10 +15,9 @@ from ..solution import Solution
 from ..status import Status
 from ..system import AbstractHybridSystem
 from .baselines import where_transition
-from .finite_differences import finite_differences
-from .functional import ready_made_motion
-from .move import move
-from .naive import naive_motion
+from .baselines.fixed_steps import naive_motion
+from .differentiate import finite_differences
+from .functional import move, ready_made_motion
 
 REFERENCE_TOLERANCE = 1e-12
 """Of the motions that differences are taken of: they divide the noise of step selection by their width."""

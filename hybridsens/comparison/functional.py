@@ -15,7 +15,9 @@ from ..mechanics.trajectory import Trajectory
 from ..outcome import SimulationError
 from ..parameters import FlatParameters
 from ..settings import Settings
+from ..simulate import simulate
 from ..solution import Solution
+from ..solve import solve
 from ..status import Status
 from ..system import AbstractHybridSystem
 from ..validation.asked import kind_of
@@ -37,6 +39,12 @@ class Reported(NamedTuple):
     status: tuple[Status, ...]
     count: tuple[Int[Array, ""], ...]
     """Number of events."""
+
+
+def move(model: Any, *start: Any, **settings: Any) -> Trajectory | Solution:
+    """`hybridsens.solve` of a hybrid system, `hybridsens.simulate` of anything else; see there."""
+    of: Callable = solve if isinstance(model, AbstractHybridSystem) else simulate
+    return of(model, *start, **settings)
 
 
 def running_cost_functional(scene, simulate):

@@ -22,7 +22,7 @@ from .baselines import (
     where_transition,
 )
 from .differentiate import Mode
-from .move import move
+from .functional import move
 
 
 class GradientMethod(NamedTuple):

@@ -13,7 +13,7 @@ from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 from ..system import AbstractHybridSystem
 from ..system_checks import state_as_arrays
-from .move import move
+from .functional import move
 
 
 class Growth(NamedTuple):

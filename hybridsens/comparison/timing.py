@@ -1,4 +1,4 @@
-"""How long a compiled function takes, how long it takes to compile, and how much memory it needs."""
+"""What a row of a table tells of a program: how long it runs and compiles, in how much memory, or why it failed."""
 
 import time
 from collections.abc import Callable
@@ -41,3 +41,14 @@ def planned_memory(function, *arguments) -> int | None:
     if plan is None:
         return None
     return plan.argument_size_in_bytes + plan.output_size_in_bytes + plan.temp_size_in_bytes
+
+
+LONGEST = 120
+
+
+def reason(error: Exception) -> str:
+    """Type and first line of an error's message, at most `LONGEST` characters of it."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    message = lines[0] if lines else "no message"
+    shown = message if len(message) <= LONGEST else message[: LONGEST - 3] + "..."
+    return f"{type(error).__name__}: {shown}"

@@ -17,13 +17,12 @@ from ..settings import Settings, chosen_settings, finest_tolerance
 from ..waiting import counted
 from .compare import Reference, relative_error, tight_reference
 from .differentiate import value_and_gradient
-from .failure import reason
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
 from .gradient_methods import adjoint_name, from_adjoint
-from .timing import first_call, seconds_per_call
-from .work_precision_file import check_place, read_points, write_points
+from .timing import first_call, reason, seconds_per_call
 from .work_precision_points import Point as Point
 from .work_precision_points import WorkPrecision as WorkPrecision
+from .work_precision_points import check_place, read_points, write_points
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
 """1e-3 ... 1e-13."""

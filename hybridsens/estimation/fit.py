@@ -12,14 +12,14 @@ from jaxtyping import Array
 from ..mechanics.scene import AbstractScene
 from ..settings import Settings, chosen_settings
 from ..system import AbstractHybridSystem
+from ..validation.arguments import as_real, shown, whole_number
 from ..validation.asked import kind_of
 from ..waiting import waiting
 from . import prepare
-from .arguments import check_limits, check_robust, check_strategy, chosen_starts
 from .assemble import build_result
-from .descend import Limits, Run, descend
+from .data import Measurements
+from .descend import Callbacks, GuessFailed, Iteration, Limits, Run, descend
 from .growing import Growing
-from .history import Callbacks, GuessFailed, Iteration
 from .horizon import GrowingHorizon
 from .iterate import BatchSize
 from .optimizers import Method, method
@@ -27,8 +27,7 @@ from .parameters import Bounds
 from .problem import Problem
 from .result import FitResult
 from .starts import RandomStarts, Starts, descend_from_all, spread_starts
-from .store import Store
-from .study import study_digest
+from .store import Store, study_digest
 from .tables import read_measurements
 
 
@@ -179,3 +178,33 @@ def _print_line(line: Iteration) -> None:
     note = line.failure or ("sequence changed" if line.sequence_changed else "" if line.accepted else "rejected")
     print(f"{line.stage:>14} {line.number:>4}  loss {line.loss:<12.6g} |grad| {line.gradient_norm:<10.3g} "
           f"events {line.events:<4} {note}", flush=True)  # fmt: skip
+
+
+def check_limits(max_iterations: Any, patience: Any) -> None:
+    """Raises: ValueError for limits that are no counts."""
+    whole_number("`max_iterations`", max_iterations)
+    whole_number("`patience`", patience)
+
+
+def check_robust(robust: Any, measured: Measurements) -> None:
+    """Raises: ValueError for a limit that is no positive number, or for data without sigmas to count it in."""
+    if robust is not None and not as_real(robust) > 0:
+        raise ValueError(f"`robust` must be a positive number or None, but is {robust!r}.")
+    if robust is not None and not measured.sigmas_known:
+        raise ValueError(
+            "`robust` counts in sigmas, so the measurements must have them (columns sigma_<name>, or `sigma`), but "
+            "have none."
+        )
+
+
+def check_strategy(strategy: Any) -> None:
+    """Raises: TypeError for anything but a `GrowingHorizon`."""
+    if strategy is not None and not isinstance(strategy, GrowingHorizon):
+        raise TypeError(f"`strategy` must be a GrowingHorizon() or None, but is {shown(strategy)}.")
+
+
+def chosen_starts(starts: Any) -> RandomStarts:
+    """Starts from their number. Raises: ValueError for what is neither a number of starts nor `RandomStarts`."""
+    if isinstance(starts, RandomStarts):
+        return starts
+    return RandomStarts(whole_number("`starts`, if it is not RandomStarts(count, ...),", starts))

@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..parameters import entry_names, parameter_places
+from ..validation.arguments import as_real, by_name, pair
 from ..validation.spelling import did_you_mean
-from .given import as_real, by_name, pair
 
 Bounds = Mapping[str, Any]
 """Name -> "positive", or (lo, hi) where None is an open end."""

@@ -12,9 +12,9 @@ from ..mechanics.scene import State
 from ..mechanics.switches import has_switches
 from ..system import AbstractHybridSystem
 from ..system_checks import state_as_arrays
+from ..validation.arguments import as_real, by_name, pair
 from ..validation.spelling import did_you_mean
 from .data import Measurements
-from .given import as_real, by_name, pair
 from .motions import FixedSettings, Start, event_count
 from .observers import observer
 from .parameters import Bounds, Selection, select

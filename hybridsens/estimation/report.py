@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from .descend import UNFINISHED
-from .history import Sequence
+from .descend import UNFINISHED, Sequence
 
 _BARELY = 0.9
 """Residuals larger than this part of the data's spread leave less than a fifth of its variance to the model."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..export.names import split_unit
 from ..validation.spelling import did_you_mean
-from .column_names import split_unit
 from .csv_file import check_different, read_csv
 from .data import Measurements, measurements
 

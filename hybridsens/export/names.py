@@ -3,6 +3,8 @@
 import re
 from typing import Any, NamedTuple
 
+_WITH_UNIT = re.compile(r"(.+?)\s+\[(.*)\]")
+
 
 class Names(NamedTuple):
     """The names that a scene gives, where the scene itself is not known; None for what it does not name."""
@@ -16,15 +18,10 @@ def coordinate_names(scene: Any, dof: int) -> tuple[list[str], list[str]]:
 
     "angle [rad]" has the velocity "angle rate [rad/s]"; without names they are q[0], ... and v[0], ...
     Raises: ValueError if the scene names another number of coordinates than it has."""
-    given = getattr(scene, "coordinates", None)
+    given = _given(scene, "coordinates", dof, "entry of q")
     if given is None:
         return [f"q[{i}]" for i in range(dof)], [f"v[{i}]" for i in range(dof)]
-    if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != dof:
-        raise ValueError(
-            f"`coordinates` of {type(scene).__name__} must be a tuple of {_names(dof)}, one for each entry of q, but "
-            f"is {given!r}."
-        )
-    return list(given), [_rate(name) for name in given]
+    return given, [_rate(name) for name in given]
 
 
 def _rate(name: str) -> str:
@@ -34,6 +31,12 @@ def _rate(name: str) -> str:
         return f"{name} rate"
     unit = "1/s" if found[2] in {"", "1"} else f"{found[2]}/s"
     return f"{found[1]} rate [{unit}]"
+
+
+def split_unit(name: str) -> tuple[str, str | None]:
+    """("height", "m") of "height [m]"; ("q[0]", None) of what has no unit behind a space."""
+    found = _WITH_UNIT.fullmatch(name)
+    return (name, None) if found is None else (found[1], found[2])
 
 
 def unit_of_contact(scene: Any, unit: str) -> str:
@@ -51,20 +54,22 @@ def names_of(dataset: Any) -> Names:
     return Names(tuple(coordinates) if named else None, tuple(contacts))
 
 
-def _names(count: int) -> str:
-    return f"{count} name{'' if count == 1 else 's'}"
+def _given(scene: Any, what: str, count: int, each: str) -> list[str] | None:
+    """The names that a scene gives; None without any. Raises: ValueError where they are not one for each."""
+    given = getattr(scene, what, None)
+    if given is None:
+        return None
+    if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != count:
+        raise ValueError(
+            f"`{what}` of {type(scene).__name__} must be a tuple of {count} name{'' if count == 1 else 's'}, one for "
+            f"each {each}, but is {given!r}."
+        )
+    return list(given)
 
 
 def contact_names(scene: Any, count: int) -> list[str]:
     """Names of the contacts: those of the scene's `contacts`, or their numbers.
 
     Raises: ValueError if the scene names another number of contacts than it has."""
-    given = getattr(scene, "contacts", None)
-    if given is None:
-        return [str(i) for i in range(count)]
-    if isinstance(given, str) or not all(isinstance(name, str) for name in given) or len(given) != count:
-        raise ValueError(
-            f"`contacts` of {type(scene).__name__} must be a tuple of {_names(count)}, one for each gap, but is "
-            f"{given!r}."
-        )
-    return list(given)
+    given = _given(scene, "contacts", count, "gap")
+    return [str(i) for i in range(count)] if given is None else given

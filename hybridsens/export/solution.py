@@ -5,8 +5,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .attributes import attributes, must_be_one
-from .libraries import optional
+from .datasets import attributes, must_be_one, optional
 from .trees import named_leaves, variables
 
 

@@ -6,12 +6,13 @@ from typing import Any
 import jax
 import numpy as np
 
+from .text import Numbers
+
 
 def named_leaves(name: str, tree: Any) -> dict[str, np.ndarray]:
     """Name -> array, with the place in the tree behind the name: cost, cost.work, cost.forces.0."""
-    leaves = jax.tree_util.tree_leaves_with_path(tree)
-    label = lambda path: ".".join([name, *(str(_key(entry)) for entry in path)])
-    return {label(path): np.asarray(leaf) for path, leaf in leaves}
+    leaves = jax.tree_util.tree_leaves_with_path({name: tree})
+    return {jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf) for path, leaf in leaves}
 
 
 def variables(name: str, tree: Any, *leading: str, like: str = "") -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
@@ -57,19 +58,5 @@ def restored(outline: Any, arrays: Mapping[str, Any]) -> Any:
 def as_text(tree: Any) -> str:
     """The tree as a text in which arrays are their numbers."""
     with np.printoptions(precision=6, suppress=False, threshold=8, edgeitems=2):
-        return str(jax.tree.map(_Plain, tree))
-
-
-class _Plain:
-    """An array that prints as its numbers."""
-
-    def __init__(self, leaf):
-        self.leaf = np.asarray(leaf)
-
-    def __repr__(self):
-        return np.array2string(self.leaf)  # str() of a single number would show all of its digits
-
-
-def _key(entry) -> Any:
-    """What stands in brackets or behind a dot at one turn of the way to a leaf."""
-    return next(getattr(entry, name) for name in ("key", "idx", "name") if hasattr(entry, name))
+        # str() of a single number would show all of its digits.
+        return str(jax.tree.map(lambda leaf: Numbers(np.array2string(np.asarray(leaf))), tree))

@@ -14,18 +14,7 @@ from .clip_floor import short_clip_floor
 from .event_location import EventLocator, LocatorState
 from .guards import first_to_fall, guards_at_start
 from .record import Motion, before_jump, jump_number
-from .solver import TERM
-
-
-class Stepper(eqx.Module):
-    """How steps are taken: the method and its error control."""
-
-    solver: diffrax.AbstractSolver
-    controller: diffrax.AbstractAdaptiveStepSizeController
-    max_steps: int = eqx.field(static=True)
-    """How many steps may be tried in all."""
-    segment_steps: int = eqx.field(static=True)
-    """How many steps a segment may have."""
+from .solver import TERM, Stepper
 
 
 class SegmentEnd(eqx.Module):

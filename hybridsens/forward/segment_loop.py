@@ -13,7 +13,8 @@ from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
 from ..status import Status
 from .record import EventRow, Motion, after_jump, is_jump
-from .segment import SegmentEnd, Stepper, guard_count, solve_segment
+from .segment import SegmentEnd, guard_count, solve_segment
+from .solver import Stepper
 
 
 class Transition(NamedTuple):

@@ -18,7 +18,7 @@ from .mass import ConstantMass, is_positive_definite, mass_entries
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene, State
 from .status import ContactStatus
-from .typed import as_written
+from .wrapped import as_written
 
 _FOR_EACH_GAP = " It must have an entry for each gap."
 
@@ -50,8 +50,6 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> bool:
         )
     t, owner = jax.ShapeDtypeStruct((), q.dtype), type(as_written(scene))
     asked = lambda form: Asked(form, getattr(scene, form.partition("(")[0]), owner)
-    if running_cost is not None and not callable(running_cost):
-        raise TypeError(f"`running_cost` must be a function of (scene, t, q, v), but is {type(running_cost).__name__}.")
     gap = must_have_shape(asked("gap(t, q)"), returned_array(asked("gap(t, q)"), t, q), ("contact",))
     if jnp.finfo(gap.dtype).bits < jnp.finfo(q.dtype).bits:  # its rounding is what events are told by
         raise TypeError(
@@ -64,9 +62,7 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> bool:
         must_have_shape(asked("restitution()"), returned_array(asked("restitution()")), gap.shape, _FOR_EACH_GAP),
     ]
     if running_cost is not None:
-        cost = Asked("running_cost(scene, t, q, v)", running_cost)
-        if not returned_leaves(cost, as_written(scene), t, q, v):
-            raise TypeError("`running_cost` must return real numbers, but returns nothing: is a `return` missing?")
+        returned_leaves(Asked("running_cost(scene, t, q, v)", running_cost), as_written(scene), t, q, v)
     return all(function.dtype == q.dtype for function in [gap, *returned])
 
 

@@ -13,14 +13,13 @@ from ..flat_system import Decision
 from ..numerics.tolerances import closeness
 from ..status import Status
 from .checks import may_begin
-from .contact import Instant, contact_jacobian, gap_and_rate
-from .corners import has_jumped
+from .contact import MANY, Among, Instant, among_one, contact_jacobian, gap_and_rate
 from .event_state import EventState, acted_on_nearby, look_at_event, wider_scales
-from .few import MANY, Among, among_one
 from .laws import Selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
 from .scene import AbstractScene
 from .settling import apply_laws
+from .smoothness import has_jumped
 from .status import ContactStatus
 
 NEAR = 1e3

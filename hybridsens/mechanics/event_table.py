@@ -1,14 +1,17 @@
-"""The events of a motion as lines and rows of text."""
+"""The events of a motion as lines and rows of text, and what the values of a motion show that did not reach its end."""
 
 from typing import Any
 
 import jax
+import jax.core
 import numpy as np
 
 from ..export.names import contact_names
+from ..export.text import rows_shown
 from ..export.trees import as_text
+from ..status import Status
 from .mode import EventKind
-from .scene import State
+from .scene import AbstractScene, State
 
 
 def event_rows(events: Any):
@@ -33,10 +36,9 @@ def event_table(events: Any):
     wide = max(map(len, ["contact", *names]))
     numbers = f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>{wide}} {'closing speed':>14} {'impulse':>12}"
     yield f"{numbers}  state{mode} after"
-    shown = list(range(count)) if count <= 20 else [*range(10), None, *range(count - 9, count)]
-    for j in shown:
+    for j in (shown := rows_shown(count)):
         if j is None:
-            yield f"{'...':>5} ({count - 19} more)"
+            yield f"{'...':>5} ({count - len(shown) + 1} more)"
             continue
         kind = EventKind(int(events.kind[j])).name.lower()
         after, speed = _after(events, j), float(events.closing_speed[j])
@@ -74,3 +76,45 @@ def _after(events: Any, j: int) -> str:
 def state_text(state: State) -> str:
     with np.printoptions(precision=6, suppress=False):
         return f"q = {np.asarray(state.q)}, v = {np.asarray(state.v)}"
+
+
+def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: Any) -> str:
+    """An end to the message of a motion that did not reach its end; "" in a batch, and while values are traced.
+
+    `horizon` is (t0, t1, ts)."""
+    given = jax.tree.leaves((scene, state, horizon, motion))
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in given) or np.ndim(motion.events.count) > 0:
+        return ""
+    t0, t1, ts = horizon
+    told = {
+        "penetration": lambda: _of_contact("gap", scene, scene.gap(t0, state.q), np.argmin),
+        "bad_restitution": lambda: _of_contact("restitution", scene, scene.restitution(), _worst_restitution),
+        "bad_horizon": lambda: f"Here t0 is {t0:.9g} and t1 is {t1:.9g}.",
+        "unsorted_times": lambda: _time_in_the_way(ts, t0, t1),
+    }
+    text = told.get(Status.names()[int(motion.status.code)], lambda: _last_events(motion))()
+    return f" {text}" if text else ""
+
+
+def _of_contact(what: str, scene: AbstractScene, values, pick) -> str:
+    values = np.asarray(values)
+    worst = int(pick(values))
+    name = contact_names(scene, len(values))[worst]
+    return f"The {what} of contact {name} is {values[worst]:.6g}."
+
+
+def _worst_restitution(e) -> int:
+    return int(np.argmax(~((e >= 0) & (e <= 1))))
+
+
+def _time_in_the_way(ts, t0, t1) -> str:
+    ts = np.asarray(ts)
+    wrong = ~((ts >= t0) & (ts <= t1)) | (np.diff(ts, prepend=ts[0]) < 0)
+    first = int(np.argmax(wrong))
+    return f"Here ts[{first}] is {ts[first]:.9g}, t0 is {t0:.9g} and t1 is {t1:.9g}."
+
+
+def _last_events(motion: Any, shown: int = 3) -> str:
+    _, *rows = event_rows(motion.events)
+    told = "; ".join(f"t = {time}, {kind} of {contact}" for _, time, kind, contact, *_ in rows[-shown:])
+    return f"The last events: {told}." if told else ""

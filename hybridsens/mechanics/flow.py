@@ -8,8 +8,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.dense import solve_masked
-from .contact import contact_geometry, gap_and_rate, gap_rate_and_bias
-from .few import Among, among_held
+from .contact import Among, among_held, contact_geometry, gap_and_rate, gap_rate_and_bias
 from .mass import solve_mass
 from .scene import AbstractScene
 

@@ -42,7 +42,7 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
 
     The multipliers are followed as lambda(s) = -W^-1 G^T M^-1 F along the path, with geometry as it is at the start,
     and what that leaves at both ends taken off in proportion to s."""
-    h, t0, t1 = path.h, path.t0, path.t0 + path.h
+    h, t0 = path.h, path.t0
 
     def look():
         lift = _multipliers_of_a_load(scene, t0, path.coefficients[0], mode)

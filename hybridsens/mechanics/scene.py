@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
-from ..export.printed import printed
+from ..export.text import printed
 from ..validation.numbers import numbers_to_arrays
 from ..validation.spelling import warn_of_near_names
 

@@ -1,7 +1,6 @@
 """A scene with switches as a hybrid system: its contacts, and beside them the guards of its own."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -12,14 +11,13 @@ from jaxtyping import Array, Int
 
 from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
-from ..search.sampled import warn_of_sampled
-from ..search.stretches import gap_kinds, search_guards
+from ..search.stretches import gap_kinds, search_guards, warn_of_sampled
 from ..status import Status
 from ..watch import Seen, Watch
 from .mode import ContactMode, EventKind
-from .switches import in_mode
+from .switches import SwitchRules, in_mode
 from .system import MechanicalSystem
-from .typed import as_written
+from .wrapped import as_written
 
 
 class SwitchedMode(eqx.Module):
@@ -41,15 +39,6 @@ class SwitchDetail(eqx.Module):
     """Which switch fell; -1 where none did."""
     own: Any
     """The scene's mode before."""
-
-
-class SwitchRules(eqx.Module):
-    """The two functions that a scene with switches has beside those of any scene."""
-
-    switches: Callable[..., Any]
-    """(scene, t, q, v, mode) -> (switch,)"""
-    switch: Callable[..., Any]
-    """(scene, event, t, q, v, mode) -> (v, mode)"""
 
 
 class SwitchedSystem(AbstractFlatSystem):

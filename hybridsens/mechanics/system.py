@@ -14,20 +14,18 @@ from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
 from ..numerics.tolerances import closeness
 from ..search.path import Path
-from ..search.sampled import warn_of_sampled
-from ..search.stretches import gap_kinds, search_gaps
+from ..search.stretches import gap_kinds, search_gaps, warn_of_sampled
 from ..status import Status
-from .contact import Instant, contact_geometry, gap_and_rate
-from .corners import is_not_smooth
+from .contact import Among, Instant, among_one, contact_geometry, gap_and_rate
 from .decisions import ImpactDetail, Limits, decide_transition
-from .few import Among, among_one
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .held import load_varies, search_load, search_way
 from .laws import transition_impulse
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene
+from .smoothness import is_not_smooth
 from .status import ContactStatus
-from .typed import Fixed, as_written, number
+from .wrapped import Fixed, as_written, number
 
 ROUNDED = 8
 """A contact that closes may be off by the tolerance of its gap and by the margin that it had before, and by what counts

@@ -13,11 +13,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..export.attributes import must_be_one, with_structure
-from ..export.dataset import motion_dataset
-from ..export.frames import events_frame, samples_frame
-from ..export.html import paragraph, preformatted, table
-from ..export.netcdf import write_netcdf
+from ..export.datasets import must_be_one, with_structure, write_netcdf
+from ..export.text import paragraph, preformatted, table
+from ..export.trajectory import events_frame, motion_dataset, samples_frame
 from ..export.trees import as_text
 from ..numerics.sample_times import must_lie_within, with_room
 from ..outcome import Steps

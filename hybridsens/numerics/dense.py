@@ -156,8 +156,6 @@ def _ldl(A):
 
 def _solve_ldl(L, d, b):
     n = len(d)
-    if n == 0:
-        return b
     y = []
     for i in range(n):
         y.append(b[i] - sum(L[i][k] * y[k] for k in range(i)))

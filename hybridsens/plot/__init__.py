@@ -4,10 +4,10 @@ from .animation import Animation as Animation
 from .animation import animate as animate
 from .contacts import contact_forces as contact_forces
 from .contacts import plot_contacts as plot_contacts
-from .coordinates import plot_coordinates as plot_coordinates
-from .coordinates import plot_phase as plot_phase
-from .costate import costate as costate
-from .costate import plot_costate as plot_costate
-from .gradients import plot_gradients as plot_gradients
+from .derivatives import costate as costate
+from .derivatives import plot_costate as plot_costate
+from .derivatives import plot_gradients as plot_gradients
+from .motion import plot_coordinates as plot_coordinates
+from .motion import plot_phase as plot_phase
 from .motion import plot_trajectory as plot_trajectory
 from .solution import plot_solution as plot_solution

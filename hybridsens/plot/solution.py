@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from ..export.trees import named_leaves
 from ..solution import Solution
 from .figure import ABOVE, LINES, new_figure, sample_times, whole_ticks
 
@@ -21,22 +22,22 @@ def plot_solution(solution: Solution) -> Figure:
     Returns: the figure. Raises: ValueError if the solution has no samples or is a batch.
     """
     sample_times("solution", solution)
-    figure = new_figure((8, 1.2 + 1.6 * (len(_rows({"x": solution.x})) + 2)))
+    figure = new_figure((8, 1.2 + 1.6 * (len(_rows("x", solution.x)) + 2)))
     draw_solution(solution, figure)
     return figure
 
 
 def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
     """The same in a part of a figure."""
-    states, modes = _rows({"x": solution.x}), _modes(solution)
+    states, modes = _rows("x", solution.x), _modes(solution)
     panels = len(states) + bool(modes) + 1
     axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
     t, order = _times(solution)
-    before, after = _rows({"x": solution.events.before}), _rows({"x": solution.events.after})
+    before, after = _rows("x", solution.events.before), _rows("x", solution.events.after)
     count = int(solution.events.count)
     for panel, (name, samples) in zip(axes, states.items(), strict=False):
         whole = np.concatenate([before[name][:count], after[name][:count], samples])[order]
-        _draw(panel, t, whole, name, "default")
+        _draw(panel, t, whole, name)
     if modes:
         _draw_modes(axes[-2], solution, modes)
     _draw_events(axes[-1], solution)
@@ -51,29 +52,27 @@ def _times(solution: Solution):
     return t[order], order
 
 
-def _rows(tree: Any) -> dict[str, np.ndarray]:
+def _rows(name: str, tree: Any) -> dict[str, np.ndarray]:
     """Name of each leaf -> its rows over time, (row, entry)."""
-    leaves = jax.tree_util.tree_leaves_with_path(tree)
-    named = {jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf) for path, leaf in leaves}
-    return {name: leaf.reshape(leaf.shape[0], -1) for name, leaf in named.items()}
+    return {label: leaf.reshape(leaf.shape[0], -1) for label, leaf in named_leaves(name, tree).items()}
 
 
 def _modes(solution: Solution) -> dict[str, np.ndarray]:
     """Numbers in the mode, from the initial one on; none where it cannot be known or is too large to be drawn."""
     if solution.again is None:
         return {}
-    rows = jax.tree.map(lambda leaf: np.asarray(leaf)[None], {"mode": solution.again.initial_mode()})
-    later = jax.tree.map(lambda leaf: np.asarray(leaf)[: int(solution.events.count)], {"mode": solution.events.mode})
-    joined = jax.tree.map(lambda one, other: np.concatenate([one, other]), rows, later)
-    return {name: leaf for name, leaf in _rows(joined).items() if leaf.shape[1] == 1}
+    count = int(solution.events.count)
+    joined = lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)[:count]])
+    modes = jax.tree.map(joined, solution.again.initial_mode(), solution.events.mode)
+    return {name: leaf for name, leaf in _rows("mode", modes).items() if leaf.shape[1] == 1}
 
 
-def _draw(axes: Axes, t, values, name: str, style: str) -> None:
+def _draw(axes: Axes, t, values, name: str) -> None:
     shown = values[:, :MOST]
     for i in range(shown.shape[1]):
         colour, line = LINES[i % len(LINES)]
         label = f"{name}[{i}]" if shown.shape[1] > 1 else None
-        axes.plot(t, shown[:, i], line, color=colour, linewidth=1.3, label=label, drawstyle=style)
+        axes.plot(t, shown[:, i], line, color=colour, linewidth=1.3, label=label)
     axes.set_ylabel(name)
     if shown.shape[1] > 1:
         axes.legend(ncols=shown.shape[1], **ABOVE)

@@ -3,9 +3,10 @@
 A step of free flight may be very long, and a curved gap may dip below zero and come back inside it, unseen from its
 ends; so may a clock. The search walks along the step and passes a stretch only when bounds prove that no guard is below
 zero on it; else the stretch is halved. To find the events that samples miss by interval arithmetic is an idea of Park
-and Barton (State event location in differential-algebraic models, 1996).
+and Barton (State event location in differential-algebraic models, 1996). What has no bounds is sampled, and told of.
 """
 
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -167,3 +168,16 @@ def guessed_bend(g0, d0, g1, d1):
     first, second = 6 * rise - 4 * d0 - 2 * d1, -6 * rise + 2 * d0 + 4 * d1
     middle, radius = 0.5 * (first + second), jnp.abs(first - second)
     return middle - radius, middle + radius
+
+
+def warn_of_sampled(title: str, function: Gap, t, x) -> None:
+    """Say so where dips of an entry of a function of (t, x) inside a step are only sampled: a short one may be stepped
+    over. `title` is what the entries are called, as in "Gaps"."""
+    unknown = np.flatnonzero(gap_kinds(function, t, x)[0] == Kind.UNKNOWN).tolist()
+    if unknown:
+        warnings.warn(
+            f"{title} {unknown} are read from a table or made by a loop or by an operation without known bounds, so a "
+            f"dip inside a step is looked for at {round(1 / COARSEST)} places of it or more, and a shorter one is "
+            "missed. Give `max_step`, the time that the shortest dip lasts (t1 - t0 if there is none).",
+            stacklevel=2,
+        )

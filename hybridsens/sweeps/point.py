@@ -28,11 +28,6 @@ class Wanted(NamedTuple):
     """Whether the states at the times asked for are kept."""
 
 
-def status_names() -> tuple[str, ...]:
-    """Names of the statuses; a status is stored as its place in this list."""
-    return Status.names()
-
-
 def evaluate(cost: Callable, scene: Any, wanted: Wanted, columns: dict[str, Any]) -> dict[str, Any]:
     """Everything about one point, by the names that the Dataset has.
 
@@ -41,15 +36,14 @@ def evaluate(cost: Callable, scene: Any, wanted: Wanted, columns: dict[str, Any]
     """
     j, trajectory, gradient = _differentiate(cost, replace(scene, columns), wanted)
     status = _status(j, trajectory, gradient)
-    smooth = status == _code(Status.successful)
-    reached = smooth | (status == _code(Status.grazing))
+    smooth, reached = status == Status.successful, status.reached_end
     out = {"J": jnp.where(reached, j, jnp.nan)}
     out |= {f"dJ_d{name}": jnp.where(smooth, d, jnp.nan) for name, d in gradient.items()}
     if trajectory is not None:
         out |= _event_summary(trajectory, wanted.events)
         if wanted.states:
             out |= {name: jnp.where(reached, rows, jnp.nan) for name, rows in _samples(trajectory).items()}
-    return out | {"status": status.astype(jnp.int8)}
+    return out | {"status": jnp.asarray(status.code, jnp.int8)}
 
 
 def _differentiate(cost, scene, wanted: Wanted) -> tuple[Any, Any, dict[str, Any]]:
@@ -66,11 +60,11 @@ def _differentiate(cost, scene, wanted: Wanted) -> tuple[Any, Any, dict[str, Any
     return j, trajectory, gradient
 
 
-def _status(j, trajectory, gradient):
+def _status(j, trajectory, gradient) -> Status:
     """The motion's status; a success whose value or gradient is not finite after all is none."""
-    status = _code(Status.successful if trajectory is None else trajectory.status)
+    status = Status.successful if trajectory is None else trajectory.status
     finite = jnp.all(jnp.isfinite(jnp.concatenate([jnp.ravel(d) for d in (j, *gradient.values())])))
-    return jnp.where((status == _code(Status.successful)) & ~finite, _code(Status.non_finite), status)
+    return Status.where((status == Status.successful) & ~finite, Status.non_finite, status)
 
 
 def _value_and_trajectory(out, wanted: Wanted):
@@ -93,11 +87,6 @@ def _value_and_trajectory(out, wanted: Wanted):
             "With states=True the cost must return (J, trajectory), where the trajectory has times `ts`; it has not."
         )
     return j, trajectory
-
-
-def _code(status):
-    (index,) = jax.tree.leaves(status)
-    return jnp.asarray(index)
 
 
 def _samples(motion: Trajectory | Solution) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from ..status import Status
 from ..waiting import below_the_cell, in_notebook
-from .dataset import remedies, status_counts
+from .dataset import status_counts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,7 +49,7 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
 
 def print_statuses(dataset: "xr.Dataset") -> None:
     """How many points ended how, and what can be done about those that failed."""
-    counts, meaning = status_counts(dataset), remedies(dataset)
+    counts, meaning = status_counts(dataset), dict(zip(Status.names(), Status.messages(), strict=True))
     table = Table(title=f"{sum(counts.values()):,} points", title_justify="left")
     table.add_column("status")
     table.add_column("points", justify="right")

@@ -11,15 +11,12 @@ from ..validation.arguments import whole_number
 from ..validation.asked import kind_of
 from ..validation.spelling import did_you_mean
 from .cluster import run_on_cluster
-from .dataset import from_memory, from_store, xarray
+from .dataset import coordinates, from_memory, from_store, variables, xarray
 from .designs import Count, Design, batch
-from .engine import Engine, Program, shapes
-from .fingerprint import program_digest
-from .layout import coordinates, variables
+from .engine import Engine, Program, program_digest, shapes
 from .point import Wanted
 from .progress import print_statuses, progress_bar
-from .store import MemoryStore, ZarrStore, open_or_create
-from .tiles import points_in, tile_shape, tiles
+from .store import MemoryStore, ZarrStore, open_or_create, points_in, tile_shape, tiles
 
 if TYPE_CHECKING:
     import xarray as xr

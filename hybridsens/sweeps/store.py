@@ -1,10 +1,13 @@
 """Where results go, chunk by chunk: arrays in memory, or a Zarr store that survives being killed.
 
-A tile of points is one chunk of every array. Its arrays are written one after the other and `status` last, each file in
-one move, so a tile is complete exactly if its status is there; any other tile is computed again and overwritten.
+The points are cut into rectangular tiles, each computed, stored and resumed as a whole: one chunk of every array. Its
+arrays are written one after the other and `status` last, each file in one move, so a tile is complete exactly if its
+status is there; any other tile is computed again and overwritten.
 """
 
 import contextlib
+import itertools
+import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,8 +15,38 @@ from typing import Any
 
 import numpy as np
 
-from .layout import Variable
+from ..export.datasets import optional
+from .dataset import Variable
 from .point import NOT_COMPUTED
+
+
+def tile_shape(shape: dict[str, int], points: int) -> dict[str, int]:
+    """Edge lengths of tiles with at most `points` points each.
+
+    The last dimensions stay whole as long as they fit, one dimension is cut in pieces of nearly equal length (so that
+    little of the last one is padding), and those before it are taken one index at a time.
+    """
+    edges, room = {}, points
+    for name, size in reversed(shape.items()):
+        edge = min(size, max(room, 1))
+        edges[name] = math.ceil(size / math.ceil(size / edge))
+        room //= size
+    return {name: edges[name] for name in shape}
+
+
+def tiles(shape: dict[str, int], edges: dict[str, int]) -> list[dict[str, slice]]:
+    """All tiles, in the order of the points: slices by the name of the dimension."""
+    cuts = [
+        [(name, slice(start, min(start + edges[name], size))) for start in range(0, size, edges[name])]
+        for name, size in shape.items()
+    ]
+    return [dict(tile) for tile in itertools.product(*cuts)]
+
+
+def points_in(tile: dict[str, slice]) -> int:
+    """Number of points in a tile."""
+    return math.prod(cut.stop - cut.start for cut in tile.values())
+
 
 _MARK = "hybridsens_sweep"
 _READY = "ready"
@@ -136,10 +169,5 @@ def _create(location, digest, layout, coordinates, edges, attributes):
     group.attrs.update(attributes | {"coordinates": " ".join(coordinates), _MARK: {"digest": digest, "state": _READY}})
 
 
-def _zarr():
-    try:  # an optional extra
-        import zarr
-        import zarr.errors
-    except ImportError as error:
-        raise ImportError("A store needs Zarr: pip install 'hybridsens[sweep]'.") from error
-    return zarr
+def _zarr() -> Any:
+    return optional("zarr", "A store", "sweep")

@@ -37,8 +37,7 @@ class Asked(NamedTuple):
 
     def call(self, function: Any, *arguments) -> Any:
         """The same of the function with other leaves: traced ones."""
-        if not callable(function):
-            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {self._where(kind_of(self.function))}.")
+        self.must_be_callable(function)
         if self._in_other_order():
             written = self._where(_written(self._as_written()))
             raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}: arguments go by their places.")
@@ -49,6 +48,11 @@ class Asked(NamedTuple):
                 raise
             written = self._where(_written(self._as_written()))
             raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}.") from error
+
+    def must_be_callable(self, function: Any) -> None:
+        """Raise TypeError for what is no function."""
+        if not callable(function):
+            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {self._where(kind_of(self.function))}.")
 
     def _as_written(self) -> Any:
         """The function itself, of a method with its `self`."""

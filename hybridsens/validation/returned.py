@@ -1,6 +1,7 @@
-"""What a scene's functions return, seen before anything runs: named where it is no array of real numbers."""
+"""What a user's functions return, seen before anything runs: arrays of real numbers, or PyTrees of a wanted form."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import equinox as eqx
@@ -21,31 +22,43 @@ def returned_array(asked: Asked, *arguments) -> jax.ShapeDtypeStruct:
 
 
 def returned_leaves(asked: Asked, *arguments) -> list[jax.ShapeDtypeStruct]:
-    """The same for every leaf of the PyTree that a function returns; a leaf may also be a number."""
+    """The same for every leaf of the PyTree that a function returns, which must have some; a leaf may also be a
+    number."""
     leaf = lambda out: described(asked, np.asarray(out) if isinstance(out, float) else out)
-    return _returned(asked, arguments, lambda out: [leaf(part) for part in jax.tree.leaves(out)])
+    found = _returned(asked, arguments, lambda out: [leaf(part) for part in jax.tree.leaves(out)])
+    if not found:
+        raise TypeError(f"`{asked.name}` must return real numbers, but returns nothing: is a `return` missing?")
+    return found
 
 
 def _returned(asked: Asked, arguments, describe: Callable) -> Any:
     """What is said of a function's outcome. JAX is handed nothing back: it would refuse in its own words."""
+    asked.must_be_callable(asked.function)
     found = []
 
     def call(function, *arguments):
-        try:
+        with _told(asked, f"Raised by `{asked.name}`, which must return real numbers."):
             out = asked.call(function, *arguments)
-        except jax.errors.JAXTypeError as error:
-            reason = str(error).split("\n")[0]
-            raise TypeError(
-                f"`{asked.name}` must be a function that JAX can trace, but is not: {reason} Use jax.numpy in place of "
-                "NumPy and math, and jnp.where in place of `if`."
-            ) from error
-        except Exception as error:
-            error.add_note(f"Raised by `{asked.name}`, which must return real numbers.")
-            raise
         found.append(describe(out))
 
     eqx.filter_eval_shape(call, asked.function, *arguments)
     return found[0]
+
+
+@contextlib.contextmanager
+def _told(asked: Asked, note: str) -> Iterator[None]:
+    """While a function is traced: how to write one that JAX cannot trace, and a note to all else that it raises."""
+    try:
+        yield
+    except jax.errors.JAXTypeError as error:
+        reason = str(error).split("\n")[0]
+        raise TypeError(
+            f"`{asked.name}` must be a function that JAX can trace, but is not: {reason} Use jax.numpy in place of "
+            "NumPy and math, and jnp.where or jax.lax.cond in place of `if`."
+        ) from error
+    except Exception as error:
+        error.add_note(note)
+        raise
 
 
 def described(asked: Asked, value) -> jax.ShapeDtypeStruct:
@@ -79,3 +92,52 @@ def must_have_shape(
             f"`{asked.name}` must return an array of shape {wanted}, but {asked.it}returns shape {shape}{remedy}.{why}"
         )
     return returned
+
+
+def outcome(asked: Asked, *arguments) -> Any:
+    """What a function returns, with its arrays described.
+
+    Raises: TypeError where it takes other arguments, or JAX cannot trace it; what it raises itself goes on, with a note
+    that names it."""
+    note = f"Raised by `{asked.name}` of the system."
+    if asked.form.endswith(", mode)") and arguments[-1] is None:
+        note += "\nIts `mode` is None: give the initial mode as the third argument of `solve`."
+    with _told(asked, note):
+        return eqx.filter_eval_shape(asked.call, asked.function, *arguments)
+
+
+def must_be_pair(asked: Asked, returned: Any, parts: str) -> None:
+    """Raise TypeError where a function does not return two things."""
+    if not isinstance(returned, tuple) or len(returned) != 2:
+        said = f"{len(returned)} things" if isinstance(returned, tuple) else form(returned)
+        raise TypeError(
+            f"`{asked.name}` must return {parts}, but {asked.it}returns {said}: write `return {parts.strip('()')}`."
+        )
+
+
+def must_match(asked: Asked, what: str, found: Any, wanted: Any, exact: bool) -> None:
+    """Raise ValueError or TypeError where structure, shapes or (if `exact`) types differ."""
+    must = f"`{asked.name}` must return {what}"
+    if jax.tree.structure(found) != jax.tree.structure(wanted):
+        missing = ": is a `return` missing?" if found is None else "."
+        raise ValueError(
+            f"{must} as a PyTree of the form {form(wanted)}, but {asked.it}returns {form(found)}{missing}"
+        )
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
+        one_type, shape = _dtype(one), np.shape(one)
+        if shape != other.shape or (exact and one_type != other.dtype):
+            raise ValueError(
+                f"{must} with leaves of the shapes and types before, but {asked.it}returns "
+                f"{one_type}{list(shape)} in place of {other.dtype}{list(other.shape)}."
+            )
+        if not exact and not jnp.issubdtype(one_type, jnp.floating):
+            raise TypeError(f"{must} in real numbers, but {asked.it}returns {one_type}.")
+
+
+def form(tree: Any) -> str:
+    """A PyTree in a word or two: "f64[2]", "(f64[], None)", "{'height': f64[]}"."""
+    return " ".join(eqx.tree_pformat(tree, struct_as_array=True).split())
+
+
+def _dtype(leaf):
+    return leaf.dtype if hasattr(leaf, "dtype") else jnp.asarray(leaf).dtype

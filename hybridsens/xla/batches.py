@@ -17,8 +17,8 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
-from .collection import collection_put_off
 from .rewriting import rewritten
+from .tracing import collection_put_off
 
 _ROOM = 256_000_000
 """Bytes that a batch may keep for the way back."""

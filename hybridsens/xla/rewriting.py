@@ -6,8 +6,7 @@ from typing import Any
 import jax
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, jaxpr_as_fun, jaxprs_in_params
 
-from .long_reductions import long_reduction
-from .reductions import short_reduction
+from .reductions import long_reduction, short_reduction
 from .scatters import sum_by_scatter
 
 RULES = (sum_by_scatter, short_reduction, long_reduction)

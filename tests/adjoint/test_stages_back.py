@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from hybridsens.adjoint.stages_back import differentiated_in_a_loop
 from hybridsens.adjoint.step import RecordedStep
+from hybridsens.adjoint.step_adjoint import differentiated_in_a_loop
 from hybridsens.forward.explicit import ExplicitRungeKutta
 from tests.closeness import assert_close
 

@@ -7,7 +7,7 @@ from jax import lax
 
 import hybridsens as hs
 from hybridsens import passes
-from hybridsens.adjoint.step_parameters import in_steps
+from hybridsens.adjoint.step import in_steps
 
 
 class Hidden(hs.AbstractScene):

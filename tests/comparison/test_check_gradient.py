@@ -12,8 +12,7 @@ import pytest
 import hybridsens as hs
 from hybridsens.comparison.check_events import cascades, split_at_events
 from hybridsens.comparison.check_gradient import check_gradient
-from hybridsens.comparison.differentiate import QUICKLY, value_and_gradient
-from hybridsens.comparison.finite_differences import WIDTHS, slopes_nearby
+from hybridsens.comparison.differentiate import QUICKLY, WIDTHS, slopes_nearby, value_and_gradient
 from hybridsens.comparison.functional import running_cost_functional
 from hybridsens.scenes import BouncingBall
 from tests.problems.hybrid_systems import Decay

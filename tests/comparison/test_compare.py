@@ -17,7 +17,7 @@ from hybridsens.comparison.baselines import (
     where_reset,
 )
 from hybridsens.comparison.compare import Reference, compare
-from hybridsens.comparison.compare_plot import plot_comparison
+from hybridsens.comparison.compare_table import plot_comparison
 from hybridsens.comparison.differentiate import central_differences
 from hybridsens.comparison.functional import choose_cost
 from hybridsens.comparison.gradient_methods import GradientMethod, our_methods

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hybridsens.comparison.finite_differences import finite_differences
-from hybridsens.comparison.naive import naive_motion
+from hybridsens.comparison.baselines.fixed_steps import naive_motion
+from hybridsens.comparison.differentiate import finite_differences
 from hybridsens.scenes import BouncingBall
 
 T1 = 1.0

@@ -11,8 +11,8 @@ import hybridsens as hs
 from hybridsens.cli.main import run
 from hybridsens.comparison.compare import Reference
 from hybridsens.comparison.work_precision import Point, WorkPrecision, work_precision
-from hybridsens.comparison.work_precision_file import read_points, write_points
 from hybridsens.comparison.work_precision_plot import plot_work_precision
+from hybridsens.comparison.work_precision_points import read_points, write_points
 from hybridsens.scenes import ElasticStop
 from tests.problems.references import RECORDS
 

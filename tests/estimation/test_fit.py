@@ -8,7 +8,7 @@ import pytest
 
 from hybridsens import load
 from hybridsens.estimation import RandomStarts, fit, measurements
-from hybridsens.estimation.history import GuessFailed
+from hybridsens.estimation.descend import GuessFailed
 from hybridsens.scenes import BouncingBall, ElasticStop
 from tests.problems.stop_record import NEAR, STOP, TRUTH
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from hybridsens.estimation import GrowingHorizon, fit, measurements, read_measurements
-from hybridsens.estimation.arguments import check_limits, check_robust, check_strategy, chosen_starts
-from hybridsens.estimation.given import by_name
+from hybridsens.estimation.fit import check_limits, check_robust, check_strategy, chosen_starts
 from hybridsens.estimation.parameters import select
 from hybridsens.estimation.prepare import Experiment, Unknowns, build_problem, prior
-from hybridsens.estimation.store import Store
-from hybridsens.estimation.study import study_digest
+from hybridsens.estimation.store import Store, study_digest
+from hybridsens.validation.arguments import by_name
 from tests.problems.sawtooth import Sawtooth
 
 GUESS = Sawtooth(2.0, 1.0)

@@ -6,7 +6,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.estimation import read_measurements
-from hybridsens.estimation.column_names import picks
+from hybridsens.estimation.observers import picks
 from hybridsens.scenes import BouncingBall
 
 START = (hs.State([1.0], [0.0]),)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
-from hybridsens.export.dataset import motion_dataset
-from hybridsens.export.frames import events_frame
-from hybridsens.export.html import table
-from hybridsens.export.libraries import optional
+from hybridsens.export.datasets import optional
 from hybridsens.export.names import Names
+from hybridsens.export.text import table
+from hybridsens.export.trajectory import events_frame, motion_dataset
 from hybridsens.scenes import StackedBalls
 
 TS = jnp.linspace(0, 1, 9)

@@ -171,7 +171,7 @@ def test_the_warning_can_be_silenced():
 
 def test_declared_times_silence_what_depends_on_time_alone():
     """Not what depends on the state as well."""
-    from hybridsens.mechanics.discontinuities import warn_of_discontinuities
+    from hybridsens.mechanics.smoothness import warn_of_discontinuities
 
     t, q = jnp.array(0.0), jnp.ones(1)
     warn_of_discontinuities(Ball(P), t, q, q, times_declared=True)
@@ -185,7 +185,7 @@ SHIPPED = [BouncingBall, CylinderSlide, DoublePendulumWall, ElasticStop, Pendulu
 @pytest.mark.parametrize("scene_class", SHIPPED)
 def test_shipped_scenes_are_smooth(scene_class):
     """Ready-made scenes have no break, nor have their running costs."""
-    from hybridsens.mechanics.discontinuities import scene_breaks
+    from hybridsens.mechanics.smoothness import scene_breaks
 
     scene, start = scene_class(), scene_class().initial_state()
     told = scene_breaks(scene, jnp.array(0.0), start.q, start.v, scene_class.running_cost)

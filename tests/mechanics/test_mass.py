@@ -9,8 +9,7 @@ import lineax as lx
 import pytest
 
 import hybridsens as hs
-from hybridsens.mechanics.constant_mass import KnownMass, with_known_mass
-from hybridsens.mechanics.mass import is_positive_definite, solve_mass
+from hybridsens.mechanics.mass import KnownMass, is_positive_definite, solve_mass, with_known_mass
 from tests.closeness import assert_close
 
 DOF = 6

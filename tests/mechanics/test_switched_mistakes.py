@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
-from hybridsens.mechanics.constant_mass import KnownMass
+from hybridsens.mechanics.mass import KnownMass
 from hybridsens.mechanics.switches import CostInMode, InMode, has_switches, in_mode
-from hybridsens.mechanics.typed import TypedScene
+from hybridsens.mechanics.wrapped import TypedScene
 from hybridsens.scenes import BouncingBall
 from tests.problems.switched_scenes import Cart
 

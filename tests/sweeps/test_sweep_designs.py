@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hybridsens.parameters import replace
 from hybridsens.scenes import BouncingBall
 from hybridsens.sweeps import batch, grid, latin_hypercube, random, saltelli, sobol
-from hybridsens.sweeps.tiles import points_in, tile_shape, tiles
+from hybridsens.sweeps.store import points_in, tile_shape, tiles
 
 BOX = {"height": (1.0, 3.0), "weight": (5.0, 10.0)}
 

@@ -4,10 +4,10 @@ They take `(scene, state, *, t0, t1, ts, running_cost)` as `hybridsens.simulate`
 They are here to be measured, not to be used: `hybridsens.compare` puts them beside this package's gradients.
 """
 
-from .constant_event_time import constant_event_time as constant_event_time
-from .events_at_root import events_at_root as events_at_root
-from .events_at_step_end import events_at_step_end as events_at_step_end
+from .event_chain import constant_event_time as constant_event_time
+from .event_chain import events_at_root as events_at_root
+from .event_chain import events_at_step_end as events_at_step_end
+from .fixed_steps import where_reset as where_reset
+from .fixed_steps import where_transition as where_transition
 from .motion import BaselineMotion as BaselineMotion
 from .penalty_contact import penalty_contact as penalty_contact
-from .where_reset import where_reset as where_reset
-from .where_transition import where_transition as where_transition

@@ -1,11 +1,13 @@
 """A chain of Diffrax solves that end at events, as one writes it without an adjoint for events.
 
-The physics is this package's own (modes, impact law, Gauss's principle). What differs is how a segment's end is found,
-and that plain automatic differentiation goes through all of it.
+The physics is this package's own (modes, impact law, Gauss's principle). What differs is how a segment's end is found
+(by a root finder, at the end of the step, at the right time held constant), and that plain automatic differentiation
+goes through all of it.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Required, TypedDict
+from functools import partial
+from typing import Any, NamedTuple, Required, TypedDict, Unpack
 
 import diffrax
 import jax
@@ -117,3 +119,44 @@ def _fill(samples, ts, t_start, t_end, t1, solution):
     inside = (ts >= t_start) & ((ts < t_end) | (t_end >= t1))
     states = jax.vmap(solution.evaluate)(jnp.clip(ts, t_start, t_end))
     return jnp.where(inside[:, None], states, samples)
+
+
+def events_at_root(
+    scene: AbstractScene, state: State, *, tolerance: float = 1e-8, max_events: int = 64, **asked: Unpack[Asked]
+) -> BaselineMotion:
+    """Motion whose events are placed by Newton's method on the solver's dense output, and differentiated through it.
+
+    `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
+    """
+    event = first_event(optx.Newton(rtol=1e-10, atol=1e-10))
+    solve = partial(diffrax_solve, event=event)
+    return event_chain(scene, state, asked, solve, tolerance, max_events)
+
+
+def events_at_step_end(
+    scene: AbstractScene, state: State, *, tolerance: float = 1e-8, max_events: int = 64, **asked: Unpack[Asked]
+) -> BaselineMotion:
+    """Motion whose events happen at step ends, late by up to a step, and whose times have no derivative: d t_k = 0.
+
+    `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
+    """
+    event = first_event(None)
+    solve = partial(diffrax_solve, event=event)
+    return event_chain(scene, state, asked, solve, tolerance, max_events)
+
+
+def constant_event_time(
+    scene: AbstractScene, state: State, *, tolerance: float = 1e-8, max_events: int = 64, **asked: Unpack[Asked]
+) -> BaselineMotion:
+    """Motion whose value is right and whose variations lack (R_x f- + R_t - f+) d t_k of (T6).
+
+    `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
+    """
+    event = first_event(optx.Newton(rtol=1e-10, atol=1e-10))
+
+    def solve(system, start, t1, *settings):
+        located = diffrax_solve(system, start, t1, *settings, event=event)
+        assert located.ts is not None
+        return diffrax_solve(system, start, lax.stop_gradient(located.ts[-1]), *settings)
+
+    return event_chain(scene, state, asked, solve, tolerance, max_events)

@@ -1,4 +1,5 @@
-"""The mode is not differentiated: what is said where a derivative would have to pass through it."""
+"""Derivatives that would be lost: by traced values that a function closes over, which a custom derivative rule does not
+see, and through the mode, which is not differentiated."""
 
 import functools
 import warnings
@@ -7,8 +8,29 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
+
+
+def method_of(name: str) -> Callable:
+    """A method as a function that closes over something: Equinox leaves others as they are."""
+    return lambda scene, *given: getattr(scene, name)(*given)
+
+
+def hides_tracers(function: Callable, arguments) -> bool:
+    """Whether tracing the function meets a traced value that is neither an argument nor a leaf of the function."""
+    dynamic, static = eqx.partition((function, arguments), eqx.is_array)
+
+    def call(dynamic):
+        function, arguments = eqx.combine(dynamic, static)
+        return eqx.filter(function(*arguments), eqx.is_array)
+
+    constants = jax.make_jaxpr(call)(
+        jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), dynamic)
+    ).consts
+    return any(isinstance(constant, jax.core.Tracer) for constant in constants)
+
 
 STOP = "Where no derivative is meant, write jax.lax.stop_gradient around it."
 

@@ -1,0 +1,78 @@
+"""What all data sets share: libraries that only the ways out need, how a motion ended, the outline from which a file is
+read back, and the file."""
+
+import json
+import os
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.core
+import numpy as np
+
+from .trees import structure
+
+
+def optional(library: str, wanted_by: str, extra: str = "tables") -> Any:
+    """The library. Raises: ImportError that says what asked for it and which extra brings it."""
+    try:
+        return import_module(library)
+    except ImportError as error:
+        raise ImportError(
+            f"{wanted_by} needs {library}, which is not installed: pip install 'hybridsens[{extra}]'."
+        ) from error
+
+
+def attributes(kind: str, motion: Any) -> dict[str, Any]:
+    """Attributes of a data set: what it holds, status, work, room for events."""
+    return {
+        "hybridsens": kind,
+        "status": motion.status.message or "successful",
+        "status_code": int(motion.status.code),
+        "steps_accepted": int(motion.steps.accepted),
+        "steps_rejected": int(motion.steps.rejected),
+        "max_events": motion.events.time.shape[0],
+    }
+
+
+def with_structure(dataset, **trees: Any):
+    """The dataset with the outlines of trees, from which a file is read back.
+
+    Raises: TypeError for a tree that a file cannot hold."""
+    return dataset.assign_attrs(
+        {f"{name}_structure": json.dumps(structure(name, tree)) for name, tree in trees.items()}
+    )
+
+
+def must_be_one(count, wanted_by: str) -> None:
+    """Raise ValueError for a batch of motions, or one whose numbers are not known yet."""
+    if isinstance(count, jax.core.Tracer):
+        raise ValueError(f"{wanted_by} must be called outside of jax.jit, jax.grad and jax.vmap, on what they return.")
+    if np.ndim(count) > 0:
+        raise ValueError(
+            f"{wanted_by} must be called on one motion, but this is a batch of {np.shape(count)}: take one of it by "
+            "jax.tree.map(lambda leaf: leaf[i], batch)."
+        )
+
+
+def write_netcdf(dataset: Any, path: str | Path) -> None:
+    """Write the xarray Dataset in one move, so that a file which was there stays whole until the new one is.
+
+    Raises: ValueError for a path with the ending of another kind of file, for a folder, or in no folder."""
+    path = Path(path)
+    if path.suffix not in {".nc", ""}:
+        raise ValueError(
+            f"`path` must end in .nc, or have no ending, since `save` writes netCDF, but is {path.name}: name it "
+            "so. The tables of a motion are written by `motion.to_pandas().to_csv(path)` and "
+            "`motion.events.to_pandas().to_csv(path)`."
+        )
+    if path.is_dir() or not path.parent.is_dir():  # netCDF4 speaks of permissions
+        what = "is a folder" if path.is_dir() else "is in a folder that does not exist"
+        raise ValueError(f"`path` must be that of a file in a folder that exists, but {path} {what}.")
+    beside = path.with_name(path.name + ".part")
+    try:
+        dataset.to_netcdf(beside, engine="netcdf4")
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

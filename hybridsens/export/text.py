@@ -1,0 +1,88 @@
+"""Results as text: modules with their numbers, tables that fit a terminal of 80 columns, what a notebook shows."""
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.core
+import numpy as np
+
+TERMINAL = 80
+"""Columns."""
+
+
+def name_and_numbers(name: str, numbers: str, width: int, remark: str = "") -> str:
+    """A row: a name and its numbers beside each other, or below each other where both are too long for a line. Where
+    `width`, that of all names, is too much, numbers end at the right edge."""
+    if width + len(numbers) <= TERMINAL:
+        row = f"{name:{width}}{numbers}"
+        fits = not remark or len(row) + 2 + len(remark) <= TERMINAL
+        return f"{row}  {remark}".rstrip() if fits else f"{row}\n    {remark}"
+    if numbers and len(name) + 2 + len(numbers.strip()) <= TERMINAL:
+        row = f"{name}{numbers.strip():>{TERMINAL - len(name)}}"
+        return f"{row}\n    {remark}" if remark else row
+    return f"{name}  {remark}".rstrip() + (f"\n{numbers:>{TERMINAL}}" if numbers else "")
+
+
+MOST_ROWS = 20
+"""How many rows of a long table are shown."""
+
+
+def rows_shown(count: int) -> list[int | None]:
+    """Numbers of the rows of a table that are shown: all, or the first and the last with None between them."""
+    half = MOST_ROWS // 2
+    return list(range(count)) if count <= MOST_ROWS else [*range(half), None, *range(count - half + 1, count)]
+
+
+def wrapped(text: str, indent: int) -> str:
+    """A sentence over as many lines as it takes, all but the first indented."""
+    return textwrap.fill(text, TERMINAL, subsequent_indent=" " * indent, break_on_hyphens=False)
+
+
+_CELL = "text-align:right;padding:2px 8px"
+
+
+def preformatted(result: Any) -> str:
+    """The text of a result, in letters of one width."""
+    return f"<pre style='line-height:1.25'>{escape(str(result))}</pre>"
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table of texts."""
+    line = lambda cells, tag: "".join(f"<{tag} style='{_CELL}'>{escape(cell)}</{tag}>" for cell in cells)
+    body = "".join(f"<tr>{line(row, 'td')}</tr>" for row in rows)
+    return f"<table><thead><tr>{line(header, 'th')}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def paragraph(text: str) -> str:
+    """A line of text above a table."""
+    return f"<div>{escape(text)}</div>"
+
+
+SMALL = 12
+"""Arrays of up to so many numbers are printed in full; larger ones as their type and shape."""
+
+
+class Numbers:
+    """What stands for an array while a tree is printed."""
+
+    def __init__(self, text: str):
+        self.text = text
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+def printed(module: eqx.Module) -> str:
+    """A module with its fields, `Ball(weight=9.81, e=0.8)`: a gradient is one too, and its numbers are what matters."""
+    return eqx.tree_pformat(jax.tree.map(_with_numbers, module), width=80)
+
+
+def _with_numbers(leaf: Any) -> Any:
+    if isinstance(leaf, jax.core.Tracer) or not isinstance(leaf, jax.Array | np.ndarray) or leaf.size > SMALL:
+        return leaf
+    text = np.array2string(np.asarray(leaf), precision=6, separator=", ", max_line_width=1000)
+    return Numbers(" ".join(text.split()))
