@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
 from ..numerics.dense import solve_masked
+from ..numerics.tolerances import rounding
 from ..search.path import Path
 from ..search.stretches import search_gaps
 from .contact import contact_geometry, contact_jacobian
@@ -47,7 +48,10 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
     def look():
         lift = _multipliers_of_a_load(scene, t0, path.coefficients[0], mode)
         v0, v1 = (path.at(s)[2] / h for s in (0.0, 1.0))
-        along = lambda t, q: lift @ scene.force(t, q, v0 + (t - t0) / h * (v1 - v0))
+        force = lambda t, q: scene.force(t, q, v0 + (t - t0) / h * (v1 - v0))
+        along = lambda t, q: lift @ force(t, q)
+        largest = jnp.maximum(*(jnp.abs(force(*path.at(s)[:2])) for s in (0.0, 1.0)))
+        rounded = 8 * rounding(h.dtype) * (jnp.abs(lift) @ largest)  # and what bounds add to it
         off0, off1 = (end - along(*path.at(s)[:2]) for s, end in ((0.0, step.guard0), (1.0, step.guard1)))
 
         def multiplier(t, q):
@@ -56,7 +60,7 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
 
         rate = lambda s: jax.jvp(multiplier, path.at(s)[:2], (jnp.ones_like(h), path.at(s)[2] / h))[1]
         ends = step._replace(rate0=rate(0.0), rate1=rate(1.0))
-        found = search_gaps(multiplier, path, ends, tolerance, mode.active, jnp.array(True))
+        found = search_gaps(multiplier, path, ends, tolerance + rounded, mode.active, jnp.array(True))
         return found._replace(crossing=never, reached=jnp.where(jnp.isfinite(found.crossing), 0.5, found.reached))
 
     never = jnp.full_like(t0, jnp.inf)

@@ -101,8 +101,12 @@ class MechanicalSystem(AbstractFlatSystem):
         return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
 
     def warn_of_sampled(self, t, x):
-        """Say which gaps are only sampled inside a step."""
-        warn_of_sampled("Gaps", self.scene.gap, t, self.split(x)[0])
+        """Say which gaps are only sampled inside a step, and which forces; of these it is known where declared times
+        break them."""
+        q, v, _ = self.split(x)
+        warn_of_sampled("Gaps", self.scene.gap, t, q)
+        if self._load_varies(t, x) and self.jump_ts is None:
+            warn_of_sampled("Forces on held contacts", lambda t, q: self.scene.force(t, q, v), t, q)
 
     def searches(self, t, x):
         """Whether a gap is curved (what is affine in (t, q) cannot dip unseen), or a load may let a held contact go."""

@@ -53,6 +53,36 @@ def test_units_do_not_matter(length, time):
     assert_close(trajectory.cost * length**2 * time + trajectory.final.q[0] * length, expected, 1e-9)
 
 
+class BesideAPost(hs.AbstractScene):
+    """An oscillator of 60 rad/s that strikes a thin post at x = 0.9, coming from 0."""
+
+    width: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -3600.0 * q
+
+    def gap(self, t, q):
+        return 1 - 2 * jnp.exp(-(((q - 0.9) / self.width) ** 2))
+
+    def restitution(self):
+        return jnp.ones(1)
+
+
+@pytest.mark.parametrize("start", [0.0, 1e8, 1.7e9])
+def test_a_thin_post_is_met_at_any_clock(start):
+    """It is struck at a = 0.9 - width sqrt(log 2) from x = 0, and after each way round by -1. A second of 2023 is known
+    to 0.24 us, in which the oscillator goes 1e-5."""
+    scene, state = BesideAPost(jnp.array(1e-3)), hs.State([0.0], [60.0])
+    events = hs.simulate(scene, state, t0=jnp.array(start), t1=jnp.array(start + 0.3)).events
+    angle = np.arcsin(0.9 - 1e-3 * np.sqrt(np.log(2)))
+    expected = (angle + (np.pi + 2 * angle) * np.arange(4)) / 60
+    assert events.count == 4
+    np.testing.assert_allclose(events.time[:4] - start, expected, atol=max(1e-6, 16 * np.spacing(start)))
+
+
 @pytest.mark.parametrize("height, start", [(0.0, 1e3), (0.0, 1e9), (1e3, 0.0), (1e6, 0.0), (1e9, 0.0)])
 def test_a_far_floor_and_a_late_start_change_nothing(height, start):
     """A ball dropped by one metre comes to rest wherever the floor is and whatever the clock shows."""

@@ -1,4 +1,4 @@
-"""A load that lets a held contact go for less than a step: while all is held, nothing else limits the steps."""
+"""What a held contact meets inside of a step: while all is held, or slides freely, nothing else limits the steps."""
 
 import jax
 import jax.numpy as jnp
@@ -84,11 +84,107 @@ def test_every_release_is_found(loads):
     np.testing.assert_allclose(found, right, atol=1e-9)
 
 
-def test_only_a_load_that_bends_in_time_is_looked_at():
+def test_only_a_load_that_bends_is_looked_at():
+    """In time; in place where a body that is held can move."""
     parts = jnp.array(1.0), jnp.array(0.5), jnp.array(3.0)
     at = jnp.array(0.3), jnp.zeros(1), jnp.zeros(1)
     assert load_varies(Loaded(*parts), *at)
     assert not any(load_varies(kind(*parts), *at) for kind in (Constant, Growing, OfTheState))
+    plane = jnp.array(0.3), jnp.zeros(2), jnp.zeros(2)
+    assert load_varies(Magnet(jnp.array(LIFT)), *plane) and not load_varies(Hilly(jnp.array(1.0)), *plane)
+
+
+LIFT = 3.0
+
+
+class Magnet(hs.AbstractScene):
+    """A block that slides at speed 1 on a floor, under a magnet which lifts it near x = 10."""
+
+    lift: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(2)
+
+    def force(self, t, q, v):
+        return jnp.stack([0 * t, self.lift * jnp.exp(-((q[0] - 10.0) ** 2)) - 1.0])
+
+    def gap(self, t, q):
+        return q[1:]
+
+    def restitution(self):
+        return jnp.array([0.5])
+
+
+def test_a_load_that_depends_on_place_is_seen():
+    """Released where lift exp(-(x - 10)^2) = 1; in a step that ends behind the magnet its load is as before it."""
+
+    def release(lift):
+        motion = hs.simulate(Magnet(lift), hs.State([0.0, 0.0], [1.0, 0.0]), t1=12.0, max_events=8)
+        return motion.events.time[0]
+
+    time, slope = jax.value_and_grad(release)(jnp.array(LIFT))
+    root = np.sqrt(np.log(LIFT))
+    np.testing.assert_allclose([time, slope], [10 - root, -1 / (2 * LIFT * root)], rtol=1e-8)
+
+
+class Pulsed(Loaded):
+    """amplitude / weight pulses of the load at t = 1 + frequency / 60, a thousandth to a second long."""
+
+    def load(self, t):
+        width = 10 ** (-3 + 3 * (self.weight - 0.2) / 1.8)
+        return self.amplitude / self.weight * 3 * jnp.exp(-(((t - 1 - self.frequency / 60) / width) ** 2)) - 1
+
+
+def test_pulses_of_any_length_are_found(loads):
+    weight, amplitude, frequency = map(jnp.asarray, loads)
+
+    def first(weight, amplitude, frequency):
+        rest, settings = hs.State(jnp.zeros(1), jnp.zeros(1)), dict(t1=20.0, max_events=64, max_steps=8192)
+        return hs.simulate(Pulsed(weight, amplitude, frequency), rest, throw=False, **settings).events.time[0]
+
+    found, height = jax.jit(jax.vmap(first))(weight, amplitude, frequency), 3 * amplitude / weight
+    expected = 1 + frequency / 60 - 10 ** (-3 + 3 * (weight - 0.2) / 1.8) * jnp.sqrt(jnp.log(height))
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+class FromATable(Magnet):
+    known_discontinuities = True
+
+    def force(self, t, q, v):
+        of_place = jnp.interp(q[0], jnp.array([0.0, 9.9, 10.0, 10.1]), jnp.array([0.0, 0.0, 1.0, 0.0]))
+        return jnp.stack([0 * t, self.lift * of_place - 1.0])
+
+
+def test_a_load_without_bounds_is_told_to_be_sampled():
+    with pytest.warns(UserWarning, match=r"Forces on held contacts \[1\] are read from a table"):
+        hs.simulate(FromATable(jnp.array(LIFT)), hs.State([0.0, 0.0], [1.0, 0.0]), t1=12.0)
+
+
+class Approached(hs.AbstractScene):
+    """A rests on a stop without a load; B, on a spring at its rest length, moves towards it, and away again."""
+
+    e: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(2)
+
+    def force(self, t, q, v):
+        spring = q[1] - q[0] - 1.0
+        return jnp.stack([spring, -spring])
+
+    def gap(self, t, q):
+        return q[:1]
+
+    def restitution(self):
+        return self.e[None]
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_what_rests_without_a_load_is_held_when_one_grows(e):
+    """B is at 1 - sin(t) / 2 until pi, then the spring pulls A off. It did not strike the stop before, whatever e."""
+    motion = hs.simulate(Approached(jnp.array(e)), hs.State([0.0, 1.0], [0.0, -0.5]), t1=10.0)
+    t, w = 10 - np.pi, np.sqrt(2)
+    np.testing.assert_allclose(motion.final.q[0], t / 4 - np.sin(w * t) / (4 * w), rtol=1e-7)
 
 
 class Hilly(hs.AbstractScene):

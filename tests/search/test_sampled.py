@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import pytest
 
 import hybridsens as hs
+from hybridsens.search import stretches
 from tests.closeness import assert_close
 
 AT, WIDTH = 3.537, 1e-3
@@ -95,6 +96,14 @@ def test_what_is_sampled_is_told(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert_close(move(TABLE, max_step=2 * WIDTH, max_steps=8192).events.time[0], AT - WIDTH, 1e-9)
+
+
+def test_a_search_that_is_given_up_leads_to_shorter_steps(monkeypatch):
+    """With few turns for each step it cannot look through a long one; then the step ends earlier, and is no less
+    searched."""
+    monkeypatch.setattr(stretches, "TURNS", 3)
+    motion = run(lambda z: jnp.arcsinh(z), max_steps=8192)  # a function of its own: what was compiled before has TURNS
+    assert_close(motion.events.time[0], AT - WIDTH, 1e-9)
 
 
 @pytest.mark.parametrize("name", BOUNDED)
