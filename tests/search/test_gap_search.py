@@ -122,6 +122,30 @@ def test_a_post_that_ends_just_below_the_path_is_passed(width):
     assert motion.steps.accepted < 10
 
 
+class AfterAShot(hs.AbstractScene):
+    """A mass on a spring that strikes a nearly plastic wall at -1, and swings back to a pin at 0.3."""
+
+    top: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -q
+
+    def gap(self, t, q):
+        return jnp.stack([q[0] + 1, 1 - self.top * jnp.exp(-(((q[0] - 0.3) / 1e-3) ** 2))])
+
+    def restitution(self):
+        return jnp.array([1e-3, 1.0])
+
+
+def test_a_pin_is_met_after_a_phase_a_thousand_times_faster():
+    """It is higher than the way by 1e-5: nothing beside the doubt of a motion at 1000, much beside that at 1."""
+    motion = hs.simulate(AfterAShot(jnp.array(1 + 1e-5)), hs.State([0.0], [-1000.0]), t1=4.0)
+    np.testing.assert_array_equal(motion.events.contact[:4], [0, 1, 0, 1])
+
+
 def test_of_two_posts_the_nearer_one_is_met():
     """The second of the list, at x = -0.1, not the first."""
     motion = fly(TwoPosts(jnp.array(1e-4)))
