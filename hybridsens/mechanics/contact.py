@@ -141,5 +141,6 @@ def _picked(of_all: Float[Array, "contact"], who) -> Float[Array, "few"]:
 def _spread(of_few, who, of_all):
     """The few entries put in their places. By selections: a scatter would be a loop of its own."""
     for k in range(who.shape[0]):
-        of_all = jnp.where(jnp.arange(of_all.shape[0]) == who[k], of_few[k], of_all)
+        here = jnp.arange(of_all.shape[0]) == who[k]
+        of_all = jnp.where(here.reshape(-1, *[1] * (of_all.ndim - 1)), of_few[k], of_all)
     return of_all

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
@@ -18,7 +18,7 @@ from ..numerics.dense import solve_masked
 from ..numerics.tolerances import rounding
 from ..search.path import Path
 from ..search.stretches import search_gaps
-from .contact import contact_geometry, contact_jacobian
+from .contact import Among, among_held, contact_geometry, contact_jacobian
 from .mode import ContactMode
 from .scene import AbstractScene
 
@@ -46,7 +46,7 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
     h, t0 = path.h, path.t0
 
     def look():
-        lift = _multipliers_of_a_load(scene, t0, path.coefficients[0], mode)
+        lift = _multipliers_of_a_load(scene, t0, path.coefficients[0], mode.active)
         v0, v1 = (path.at(s)[2] / h for s in (0.0, 1.0))
         force = lambda t, q: scene.force(t, q, v0 + (t - t0) / h * (v1 - v0))
         along = lambda t, q: lift @ force(t, q)
@@ -67,11 +67,16 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
     return lax.cond(wanted & jnp.any(mode.active), look, lambda: Searched(never, jnp.ones_like(t0)))
 
 
-def _multipliers_of_a_load(scene: AbstractScene, t, q, mode: ContactMode) -> Float[Array, "contact dof"]:
+def _multipliers_of_a_load(scene: AbstractScene, t, q, active: Bool[Array, "contact"]) -> Float[Array, "contact dof"]:
     """-W_AA^-1 G_A^T M^-1: the multipliers of the active contacts by each force."""
-    geometry, members = contact_geometry(scene, t, q), mode.active.astype(q.dtype)
-    of_one = lambda kick: solve_masked(geometry.delassus_matrix, -kick, members)
-    return jax.vmap(of_one, in_axes=1, out_axes=1)(geometry.mobility.T)
+
+    def among(scene, active):
+        geometry, members = contact_geometry(scene, t, q), active.astype(q.dtype)
+        of_one = lambda kick: solve_masked(geometry.delassus_matrix, -kick, members)
+        return jax.vmap(of_one, in_axes=1, out_axes=1)(geometry.mobility.T), ()
+
+    nothing = jnp.zeros((active.shape[0], q.shape[0]), q.dtype)
+    return among_held(scene, active, q.shape[0], Among(among, active, nothing))[0]
 
 
 def search_way(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMode, depth, wanted) -> Searched:
