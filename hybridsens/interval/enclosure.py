@@ -14,6 +14,7 @@ from .primitives import (
     LINEAR_SHAPES,
     LOGIC,
     PICKS,
+    PUTS,
     UNARY,
     dot_general,
     select,
@@ -87,6 +88,8 @@ def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth
         return _converted(operands[0], params["new_dtype"])
     if name in PICKS:
         return _pick(operands, bind)
+    if name in PUTS:
+        return _put(slice(*PUTS[name]), operands, bind)
     if any(isinstance(x, Truth) for x in operands):
         return _of_conditions(name, operands, bind)
     if name == "integer_pow":
@@ -112,6 +115,19 @@ def _pick(operands, bind) -> Jet | Truth | None:
         return None
     pick = lambda x: bind(x, *places)
     return Truth(*map(pick, picked)) if isinstance(picked, Truth) else J.linear(pick, picked)
+
+
+def _put(places: slice, operands, bind) -> Jet | None:
+    """The first operand with entries of another one put to places; None for conditions, and where the places move."""
+    numbers = [k for k in range(len(operands)) if k not in range(*places.indices(len(operands)))]
+    if any(isinstance(x, Jet | Truth) for x in operands[places]) or any(_is_condition(operands[k]) for k in numbers):
+        return None
+
+    def put(*parts):
+        filled = dict(enumerate(operands)) | dict(zip(numbers, parts, strict=True))
+        return bind(*filled.values())
+
+    return _moved([_jet(operands[k]) for k in numbers], put)
 
 
 def _of_conditions(name: str, operands, bind) -> Truth | None:

@@ -19,6 +19,9 @@ LINEAR_SHAPES = {
 PICKS = {"gather", "dynamic_slice"}
 """The same for the first operand, if the places that they pick are constant."""
 
+PUTS = {"scatter": (1, 2), "scatter-add": (1, 2), "dynamic_update_slice": (2, None)}
+"""Operations that write or add entries to places, which must be constant: which operands (from, to) tell the places."""
+
 UNARY = {
     "abs": J.absolute,
     "acos": inverses.acos,

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool
 
 from ..discontinuities import listed_breaks, remedies_for, that_matter, warn
 from ..interval.breaks import Break
-from ..numerics.tolerances import closeness, time_resolution
+from ..numerics.tolerances import MOST_RELAXED, closeness, time_resolution
 from .contact import gap_and_rate
 from .mass import mass_entries
 from .mode import ContactMode, gap_tolerance
@@ -21,7 +21,7 @@ WIDER = 16
 
 def has_jumped(guard, rate, length, t) -> Bool[Array, ""]:
     """Whether a guard that should be 0 at an impact is far below: farther than the resolution of time explains."""
-    return guard < -(gap_tolerance(length) + time_resolution(t, 12) * jnp.abs(rate))
+    return guard < -(gap_tolerance(length) + time_resolution(t, MOST_RELAXED) * jnp.abs(rate))
 
 
 def is_not_smooth(scene: AbstractScene, t, q, v, mode: ContactMode) -> Bool[Array, ""]:

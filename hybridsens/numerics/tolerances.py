@@ -13,14 +13,19 @@ def rounding(dtype) -> float:
     return 8 * float(jnp.finfo(dtype).eps)
 
 
+MOST_RELAXED = 5
+"""1e-12 of what the clock shows. More would be a second at 1e8 s: events came before their guards fell."""
+
+
 def time_resolution(t, relaxation):
     """How exactly an event can be placed in time: 4 units in the last place, times 4^relaxation.
 
-    The landing relaxes it with every cut, so that it ends also where rounding in the guard is worse than in time."""
+    The landing relaxes it with every cut, so that it ends also where rounding in the guard is worse than in time; up to
+    `MOST_RELAXED`."""
     spacing = jnp.finfo(t.dtype).eps * jnp.abs(t) + jnp.finfo(t.dtype).tiny
     if isinstance(relaxation, int):
         return 4.0 ** (1 + relaxation) * spacing
-    return 4 * spacing * jnp.left_shift(1, 2 * jnp.minimum(relaxation, 12)).astype(t.dtype)
+    return 4 * spacing * jnp.left_shift(1, 2 * jnp.minimum(relaxation, MOST_RELAXED)).astype(t.dtype)
 
 
 def jump_length(t):

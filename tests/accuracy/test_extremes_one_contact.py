@@ -83,6 +83,32 @@ def test_a_thin_post_is_met_at_any_clock(start):
     np.testing.assert_allclose(events.time[:4] - start, expected, atol=max(1e-6, 16 * np.spacing(start)))
 
 
+class TowardsABlunt(hs.AbstractScene):
+    """A body at speed 1 that comes to a bump so blunt that many steps are cut before one ends on it."""
+
+    top: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return 0 * q
+
+    def gap(self, t, q):
+        return 1 - self.top * jnp.exp(-(((q - 5.0) / 1.24) ** 8))
+
+    def restitution(self):
+        return jnp.ones(1)
+
+
+@pytest.mark.parametrize("start", [0.0, 1e8, 1.7e9])
+def test_what_steps_are_cut_for_is_met_at_any_clock(start):
+    """At 5 - 1.24 log(1.01)^(1/8). With each cut the resolution of time was relaxed, to 1.5 s at 1e8."""
+    motion = hs.simulate(TowardsABlunt(jnp.array(1.01)), hs.State([0.0], [1.0]), t0=start, t1=start + 8.0)
+    np.testing.assert_allclose(motion.events.before.q[0], 5 - 1.24 * np.log(1.01) ** 0.125, atol=1e-8)
+    np.testing.assert_allclose(motion.final.q, 2 * motion.events.before.q[0] - 8.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("height, start", [(0.0, 1e3), (0.0, 1e9), (1e3, 0.0), (1e6, 0.0), (1e9, 0.0)])
 def test_a_far_floor_and_a_late_start_change_nothing(height, start):
     """A ball dropped by one metre comes to rest wherever the floor is and whatever the clock shows."""

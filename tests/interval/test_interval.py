@@ -19,9 +19,11 @@ MATRIX = np.array([[1.0, -2.0], [0.5, 3.0]])
 FUNCTIONS = {
     "polynomial": lambda x, y: x**3 - 2 * x * x * y + y**2 - 1.5,
     "quotient": lambda x, y: x / (2 + y * y) - 1 / (3 + jnp.sin(x)),
-    "powers": lambda x, y: (x - 0.71) ** 2.0 - 0.3 * (y + 0.32) ** 3.0 + (x - 2) ** jnp.array(-2.0),
+    "powers": lambda x, y: (x - 0.71) ** 2.0 - 0.3 * (y + 0.32) ** 3.0 + (x - 20) ** jnp.array(-2.0),
     "a power of 1": lambda x, y: (y - 0.1) ** WHICH[0] * x,
     "a power of a root": lambda x, y: (4 + y) ** jnp.array(1.5) * (x + 0.1) ** jnp.array(4.0),
+    "written entries": lambda x, y: MATRIX[0] @ jnp.array([1.0, 2.0]).at[WHICH[0]].set(x * y).at[0].add(jnp.sin(x)),
+    "a written slice": lambda x, y: jax.lax.dynamic_update_slice(jnp.stack([x, y, x * y]), (y * y)[None], (1,)).sum(),
     "outer products": lambda x, y: MATRIX[0] @ jnp.einsum("i,j->ij", *2 * [jnp.stack([x, y])]) @ MATRIX[1],
     "products by entry": lambda x, y: MATRIX[0] @ jnp.einsum("i,i->i", *2 * [jnp.stack([x, y])]),
     "waves": lambda x, y: jnp.sin(3 * x) * jnp.cos(x - y) + jnp.tan(0.3 * y),
