@@ -89,6 +89,7 @@ def test_a_batch_of_gradients_each_varied_by_weights(alone):
     assert_close(inside, jnp.swapaxes(alone, 1, 2), 1e-12)
 
 
+@pytest.mark.slow
 def test_a_batch_of_gradients_varied(hessians):
     """Forward mode outside of a batch."""
     batch = jax.jit(jax.vmap(jax.grad(height)))

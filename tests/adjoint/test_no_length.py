@@ -11,7 +11,7 @@ import hybridsens as hs
 from tests.closeness import assert_close
 from tests.problems.hybrid_systems import Dosed
 
-WAYS = ["over reverse", "over forward"]
+WAYS = ["over reverse", pytest.param("over forward", marks=pytest.mark.slow)]
 
 
 def hessian(cost, way):

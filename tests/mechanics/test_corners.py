@@ -88,7 +88,7 @@ def ends_at(motion, time):
 TS = jnp.linspace(0, 0.8, 81)
 
 
-@pytest.mark.parametrize("tolerance", [1e-5, 1e-8, 1e-12])
+@pytest.mark.parametrize("tolerance", [1e-8, *(pytest.param(other, marks=pytest.mark.slow) for other in (1e-5, 1e-12))])
 @pytest.mark.parametrize("scene, settings", [(Roof, {}), (Table, dict(max_step=0.01))], ids=["maximum", "table"])
 def test_a_held_body_is_not_carried_round_an_edge(scene, settings, tolerance):
     """It would fly off at t = 0.4; the laws of a held contact know nothing of that, so the motion ends."""
@@ -161,7 +161,7 @@ class Hills(Slider):
         return (q[1] - 0.1 * jnp.sin(2 * q[0] + 0.3 * t))[None]
 
 
-@pytest.mark.parametrize("tolerance, steps", [(1e-8, 140), (1e-12, 700)])
+@pytest.mark.parametrize("tolerance, steps", [(1e-8, 140), pytest.param(1e-12, 700, marks=pytest.mark.slow)])
 def test_on_smooth_ground_the_projection_costs_no_steps(tolerance, steps):
     """What it moves is below the solver's own error."""
     motion = run(Hills(jnp.array([9.81, 0.0])), [0.3, 0.5], [1.0, 0.0], 6.0, rtol=tolerance, atol=tolerance)
