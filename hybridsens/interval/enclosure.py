@@ -59,10 +59,18 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
     if not any(isinstance(operand, Jet | Truth) for operand in operands):
         outcome = bind(*operands)
         return list(outcome) if equation.primitive.multiple_results else [outcome]
+    if name == "unstack":  # x, y = q
+        return [_entry(operands[0], k, params["axis"]) for k in range(len(equation.outvars))]
     outcome = _rule(name, params, operands, bind)
     if outcome is None:
         return [_unknown(variable.aval) for variable in equation.outvars]
     return [_spread(outcome, equation.outvars[0].aval.shape)]
+
+
+def _entry(x: Jet | Truth, k: int, axis: int) -> Jet | Truth:
+    """One entry along an axis."""
+    take = lambda part: lax.index_in_dim(part, k, axis, keepdims=False)
+    return Truth(*map(take, x)) if isinstance(x, Truth) else J.linear(take, x)
 
 
 def _picked(which, cases) -> Any:

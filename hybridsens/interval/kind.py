@@ -64,6 +64,8 @@ def _kinds(equation, operands: list[np.ndarray]) -> list[np.ndarray]:
         branches = equation.params["branches"]
         cases = [_run(b.jaxpr, [np.zeros(np.shape(x), int) for x in b.consts], operands[1:]) for b in branches]
         return [np.asarray(np.maximum.reduce(results)) for results in zip(*cases, strict=True)]
+    if name == "unstack":
+        return [np.take(operands[0], k, equation.params["axis"]) for k in range(len(shapes))]
     if name in MOVES:
         return [MOVES[name](equation.params, *operands)]
     if name in UNARY or name in BINARY:
