@@ -65,7 +65,7 @@ def _kinds(equation, operands: list[np.ndarray]) -> list[np.ndarray]:
         cases = [_run(b.jaxpr, [np.zeros(np.shape(x), int) for x in b.consts], operands[1:]) for b in branches]
         return [np.asarray(np.maximum.reduce(results)) for results in zip(*cases, strict=True)]
     if name == "unstack":
-        return [np.take(operands[0], k, equation.params["axis"]) for k in range(len(shapes))]
+        return [np.asarray(np.take(operands[0], k, equation.params["axis"])) for k in range(len(shapes))]
     if name in MOVES:
         return [MOVES[name](equation.params, *operands)]
     if name in UNARY or name in BINARY:
