@@ -56,6 +56,15 @@ def must_be_one(count, wanted_by: str) -> None:
         )
 
 
+def must_have_samples(motion: Any, made_by: str) -> None:
+    """Raise ValueError for a motion without samples."""
+    if motion.ts is None:
+        raise ValueError(
+            f"to_pandas() must have samples to tabulate, but this motion has none: pass `ts=` to `{made_by}`. Its "
+            "events are a table by `.events.to_pandas()`."
+        )
+
+
 def write_netcdf(dataset: Any, path: str | Path) -> None:
     """Write the xarray Dataset in one move, so that a file which was there stays whole until the new one is.
 

@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .datasets import attributes, must_be_one, optional
+from .datasets import attributes, must_be_one, must_have_samples, optional
 from .trees import named_leaves, variables
 
 
@@ -39,11 +39,7 @@ def solution_samples(solution: Any):
 
     Raises: ImportError without pandas; ValueError for a batch, or a motion without samples."""
     must_be_one(solution.events.count, "to_pandas()")
-    if solution.ts is None:
-        raise ValueError(
-            "to_pandas() must have samples to tabulate, but this motion has none: pass `ts=` to `solve`. Its events "
-            "are a table by `.events.to_pandas()`."
-        )
+    must_have_samples(solution, "solve")
     pandas = optional("pandas", "to_pandas()")
     return pandas.DataFrame(_columns("x", solution.x), pandas.Index(np.asarray(solution.ts), name="time"))
 

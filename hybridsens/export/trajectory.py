@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .datasets import attributes, must_be_one, optional
+from .datasets import attributes, must_be_one, must_have_samples, optional
 from .names import contact_names, coordinate_names, unit_of_contact
 from .trees import named_leaves, variables
 
@@ -64,11 +64,7 @@ def samples_frame(motion: Any, scene: Any):
 
     Raises: ImportError without pandas; ValueError for a batch, or a motion without samples."""
     must_be_one(motion.events.count, "to_pandas()")
-    if motion.ts is None:
-        raise ValueError(
-            "to_pandas() must have samples to tabulate, but this motion has none: pass `ts=` to `simulate`. Its events "
-            "are a table by `.events.to_pandas()`."
-        )
+    must_have_samples(motion, "simulate")
     pandas = optional("pandas", "to_pandas()")
     q_names, v_names = coordinate_names(scene, motion.final.q.shape[0])
     index = pandas.Index(np.asarray(motion.ts), name="time [s]")

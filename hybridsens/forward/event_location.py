@@ -19,15 +19,12 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from ..flat_system import StepEnds
 from ..numerics.tolerances import rounding, time_resolution
 from .guards import GuardsAtStart, scales_at
-from .inside import Before, Inside, look_inside
+from .inside import SHORTEST, Before, Inside, look_inside
 from .record import StepRecord
 
 LEAST_SEARCHED = 1 / 64
 """A search that is given up ends the step where it got to, if that is at least this fraction of it. Else the step is
 kept and the motion counts as grazing where guards can; where none can, the step ends there anyhow."""
-
-SHORTEST_SEARCHED = 4
-"""Steps shorter than `time_resolution(t, 4)` are not searched: by their ends, time is known to a part in a thousand."""
 
 
 class LocatorState(eqx.Module):
@@ -170,7 +167,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
 def _search(system, mode, ends: StepEnds, accurate, inside: Inside, before: Before) -> Inside:
     """What a search of the inside of the step adds where its ends show nothing."""
     h = ends.t1 - ends.t0
-    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & (h > time_resolution(ends.t0, SHORTEST_SEARCHED))
+    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & (h > time_resolution(ends.t0, SHORTEST))
     # The end was judged before: without its own depth the search would find it again.
     tolerance = before.rounding + before.noise + jnp.maximum(-ends.guard1, 0)
     searched = system.search(ends, mode, tolerance, wanted)

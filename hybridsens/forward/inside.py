@@ -14,9 +14,9 @@ from .guards import are_known, first_to_fall
 MUCH = 1e3
 """A guard that falls by so many times what its rates explain has jumped."""
 
-SHORTEST_SPLIT = 4
-"""Steps shorter than `time_resolution(t, 4)` are not split: their length, and so their rates, is known to a part in a
-thousand."""
+SHORTEST = 4
+"""Steps shorter than `time_resolution(t, 4)` are neither split nor searched: their length is known to no better than a
+part in a thousand."""
 
 BLOCK = 32
 """Many guards are looked at so many at once, and only where one of them is near zero."""
@@ -152,7 +152,7 @@ def _look(step: StepEnds, before: Before) -> Inside:
     ends = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + before.noise)
     split = jnp.min(tangents_meet_below(*ends), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*ends), 0.5, split)
-    split = jnp.where(h > time_resolution(t0, SHORTEST_SPLIT), split, jnp.inf)
+    split = jnp.where(h > time_resolution(t0, SHORTEST), split, jnp.inf)
     ends_early = t_root < before.stop - time_resolution(t1, 3)
     to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
     landed_on, since = first_to_fall(on_guard, guard, rate)

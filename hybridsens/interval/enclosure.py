@@ -13,8 +13,7 @@ from .primitives import (
     COMPARISONS,
     LINEAR_SHAPES,
     LOGIC,
-    PICKS,
-    PUTS,
+    PLACED,
     UNARY,
     dot_general,
     select,
@@ -94,10 +93,8 @@ def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth
         return _selected(operands[0], operands[1:])
     if name == "convert_element_type":
         return _converted(operands[0], params["new_dtype"])
-    if name in PICKS:
-        return _pick(operands, bind)
-    if name in PUTS:
-        return _put(slice(*PUTS[name]), operands, bind)
+    if name in PLACED:
+        return _placed(PLACED[name], operands, bind)
     if any(isinstance(x, Truth) for x in operands):
         return _of_conditions(name, operands, bind)
     if name == "integer_pow":
@@ -116,26 +113,21 @@ def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth
     return None
 
 
-def _pick(operands, bind) -> Jet | Truth | None:
-    """Entries of the first operand; None where their places move."""
-    picked, *places = operands
-    if any(isinstance(x, Jet | Truth) for x in places):
-        return None
-    pick = lambda x: bind(x, *places)
-    return Truth(*map(pick, picked)) if isinstance(picked, Truth) else J.linear(pick, picked)
-
-
-def _put(places: slice, operands, bind) -> Jet | None:
-    """The first operand with entries of another one put to places; None for conditions, and where the places move."""
-    numbers = [k for k in range(len(operands)) if k not in range(*places.indices(len(operands)))]
-    if any(isinstance(x, Jet | Truth) for x in operands[places]) or any(_is_condition(operands[k]) for k in numbers):
+def _placed(numbers: tuple[int, ...], operands, bind) -> Jet | Truth | None:
+    """Entries read from places or put there, numbers or conditions; None where the places move."""
+    if any(isinstance(x, Jet | Truth) for k, x in enumerate(operands) if k not in numbers):
         return None
 
-    def put(*parts):
-        filled = dict(enumerate(operands)) | dict(zip(numbers, parts, strict=True))
-        return bind(*filled.values())
+    def at_places(*parts):
+        filled = list(operands)
+        for k, part in zip(numbers, parts, strict=True):
+            filled[k] = part
+        return bind(*filled)
 
-    return _moved([_jet(operands[k]) for k in numbers], put)
+    given = [operands[k] for k in numbers]
+    if all(map(_is_condition, given)):
+        return Truth(*(at_places(*parts) for parts in zip(*map(_truth, given), strict=True)))
+    return _moved([_jet(x) for x in given], at_places)
 
 
 def _of_conditions(name: str, operands, bind) -> Truth | None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .enclosure import CALLS, inner_jaxpr
-from .primitives import BINARY, LINEAR_SHAPES, LOGIC, PICKS, PUTS, UNARY
+from .primitives import BINARY, LINEAR_SHAPES, LOGIC, PLACED, UNARY
 
 
 class Kind(enum.IntEnum):
@@ -23,9 +23,7 @@ class Kind(enum.IntEnum):
 
 SUMS = {"add", "add_any", "sub", "neg"}
 OTHERS = {"integer_pow", "clamp", "dot_general", "select_n", "convert_element_type"}
-RULES = UNARY.keys() | BINARY.keys() | LOGIC.keys() | LINEAR_SHAPES | PICKS | PUTS.keys() | OTHERS
-PLACED = PICKS | PUTS.keys()
-
+RULES = UNARY.keys() | BINARY.keys() | LOGIC.keys() | LINEAR_SHAPES | PLACED.keys() | OTHERS
 MOVES = {
     "broadcast_in_dim": lambda p, x: _broadcast(x, p["shape"], p["broadcast_dimensions"]),
     "concatenate": lambda p, *x: np.concatenate(x, p["dimension"]),
@@ -70,7 +68,7 @@ def _kinds(equation, operands: list[np.ndarray]) -> list[np.ndarray]:
         return [MOVES[name](equation.params, *operands)]
     if name in UNARY or name in BINARY:
         worst = operands[0] if len(operands) == 1 else np.maximum(*operands)
-    if name not in RULES or (name in PLACED | {"convert_element_type"} and not _keeps_numbers(equation, operands)):
+    if name not in RULES or not _keeps_numbers(equation, operands):
         kind = np.asarray(Kind.UNKNOWN)
     elif _is_linear(name, operands):
         kind = worst
@@ -85,14 +83,16 @@ def _is_linear(name: str, operands) -> bool:
         return any(fixed)
     if name == "select_n":  # by the mode, say
         return fixed[0]
-    return name in SUMS | LINEAR_SHAPES | PLACED | {"convert_element_type"} or (name == "div" and fixed[1])
+    return name in SUMS | LINEAR_SHAPES | PLACED.keys() | {"convert_element_type"} or (name == "div" and fixed[1])
 
 
 def _keeps_numbers(equation, operands) -> bool:
-    """Picks from places and puts to places that are constant, and conversions to real numbers."""
+    """Whether entries are read from or put to places that are constant, and conversions are to real numbers."""
     name = equation.primitive.name
     if name in PLACED:
-        return not any(x.any() for x in operands[slice(*PUTS.get(name, (1, None)))])
+        return not any(x.any() for k, x in enumerate(operands) if k not in PLACED[name])
+    if name != "convert_element_type":
+        return True
     old, new = equation.invars[0].aval.dtype, equation.params["new_dtype"]
     return np.issubdtype(new, np.floating) or old == new
 

@@ -16,11 +16,11 @@ LINEAR_SHAPES = {
 }  # fmt: skip
 """Operations that move or add up entries and leave the order of numbers."""
 
-PICKS = {"gather", "dynamic_slice"}
-"""The same for the first operand, if the places that they pick are constant."""
-
-PUTS = {"scatter": (1, 2), "scatter-add": (1, 2), "dynamic_update_slice": (2, None)}
-"""Operations that write or add entries to places, which must be constant: which operands (from, to) tell the places."""
+PLACED = {
+    "gather": (0,), "dynamic_slice": (0,), "scatter": (0, 2), "scatter-add": (0, 2), "dynamic_update_slice": (0, 1),
+}  # fmt: skip
+"""Operations that read entries at places, or write or add them there, and which of their operands these entries are:
+the others tell the places, which must be constant."""
 
 UNARY = {
     "abs": J.absolute,

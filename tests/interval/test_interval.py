@@ -23,6 +23,7 @@ FUNCTIONS = {
     "a power of 1": lambda x, y: (y - 0.1) ** WHICH[0] * x,
     "a power of a root": lambda x, y: (4 + y) ** jnp.array(1.5) * (x + 0.1) ** jnp.array(4.0),
     "written entries": lambda x, y: MATRIX[0] @ jnp.array([1.0, 2.0]).at[WHICH[0]].set(x * y).at[0].add(jnp.sin(x)),
+    "written cases": lambda x, y: jnp.where((jnp.stack([x, y]) > 0.2).at[WHICH[0]].set(x > y), x, x * y) @ MATRIX[1],
     "a written slice": lambda x, y: jax.lax.dynamic_update_slice(jnp.stack([x, y, x * y]), (y * y)[None], (1,)).sum(),
     "unpacked": lambda x, y: (lambda a, b: a * a - jnp.cos(b))(*jnp.stack([x, y])),
     "outer products": lambda x, y: MATRIX[0] @ jnp.einsum("i,j->ij", *2 * [jnp.stack([x, y])]) @ MATRIX[1],
