@@ -46,7 +46,9 @@ APART = jnp.array([-1e-2, -1e-14, -4e-15, -4.5e-16, 0.0, 4.5e-16, 4e-15, 1e-14, 
 """How much later than the infusion the dose comes: the clock takes 1e-14 to pass a jump time."""
 
 
-@pytest.mark.parametrize("guarded", [False, True], ids=["scheduled", "guard"])
+@pytest.mark.parametrize(
+    "guarded", [pytest.param(False, id="scheduled"), pytest.param(True, id="guard", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("method", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
 def test_a_dose_at_a_jump_time_has_its_own_derivative(guarded, method):
     adjoint = hs.ForwardSensitivities() if method is jax.jacfwd else None

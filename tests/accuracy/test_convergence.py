@@ -41,7 +41,9 @@ def errors(solver, tolerances):
     return np.array(rows).T
 
 
-@pytest.mark.parametrize("name", ["Tsit5", "Dopri8", pytest.param("Kvaerno5", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["Tsit5", *(pytest.param(name, marks=pytest.mark.slow) for name in ("Dopri8", "Kvaerno5"))]
+)
 def test_errors_fall_at_the_order_of_the_solver(name):
     """Slopes of the errors over the number of steps; a landing that is less exact than the solver would show here."""
     solver, order, tolerances = SOLVERS[name]

@@ -68,7 +68,7 @@ class BouncingValley(Valley):
     sustained_contact = False
 
 
-@pytest.mark.parametrize("kind", [Valley, BouncingValley])
+@pytest.mark.parametrize("kind", [Valley, pytest.param(BouncingValley, marks=pytest.mark.slow)])
 def test_walls_that_are_orthogonal_at_this_angle_alone_are_marked(kind):
     """In a V of 90 degrees the walls act on each other at any other angle: the derivative by it does not exist."""
     angle = jnp.array(np.pi / 4)

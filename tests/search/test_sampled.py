@@ -106,7 +106,13 @@ def test_a_search_that_is_given_up_leads_to_shorter_steps(monkeypatch):
     assert_close(motion.events.time[0], AT - WIDTH, 1e-9)
 
 
-@pytest.mark.parametrize("name", BOUNDED)
+QUICK = ("atan2", "cbrt")
+"""The bounds of each of these functions have tests of their own."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in BOUNDED]
+)
 def test_a_dip_is_met_through_inverse_functions(name):
     """At AT - WIDTH, in steps as long as they like."""
     with warnings.catch_warnings():
