@@ -1,9 +1,9 @@
 """What held contacts meet inside a step.
 
 Where all that moves is held or moves freely along its contacts, the flow is trivial and no error limits the steps. A
-load that depends on time or place may then let a contact go, and press it again, between the ends of a step. And a gap
-may have a hill between the stages of a step, which the motion would pass through. Both are looked for by bounds, and
-the step is halved where they come.
+load that depends on time or place, or supports that move aside, may then let a contact go, and press it again, between
+the ends of a step. And a gap may have a hill between the stages of a step, which the motion would pass through. Both
+are looked for by bounds, and the step is halved where they come.
 """
 
 import jax
@@ -38,17 +38,36 @@ def load_varies(scene: AbstractScene, t, q, v) -> bool:
     return bool((kinds(trace, [np.array(Kind.AFFINE), place, still]) >= Kind.CURVED).any())
 
 
+def supports_move(scene: AbstractScene, t, q) -> bool:
+    """Whether a gap's gradient depends on time, so that a body that does not move may hang on its contacts in turn."""
+    by_time = [np.array(Kind.AFFINE), np.full(q.shape, Kind.CONSTANT)]
+    if not kinds(jax.make_jaxpr(scene.gap)(t, q), by_time).any():
+        return False
+    trace = jax.make_jaxpr(lambda t, q: contact_jacobian(scene, t, q))(t, q)
+    return bool(kinds(trace, by_time).any())
+
+
 def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
     """Whether a load lets a held contact go inside a step: then the step is halved, until its ends tell.
 
-    The multipliers are followed as lambda(s) = -W^-1 G^T M^-1 F along the path, with geometry as it is at the start,
-    and what that leaves at both ends taken off in proportion to s."""
+    The multipliers are followed as lambda(s) = -W^-1 G^T M^-1 F along the path, with W^-1 G^T M^-1 as it is at the
+    start, and what that leaves at both ends taken off in proportion to s. Where supports move, F is what the load and
+    multipliers in proportion to s leave unbalanced, F + G lambda."""
     h, t0 = path.h, path.t0
+    moved = supports_move(scene, t0, path.coefficients[0])
 
     def look():
         lift = _multipliers_of_a_load(scene, t0, path.coefficients[0], mode.active)
         v0, v1 = (path.at(s)[2] / h for s in (0.0, 1.0))
-        force = lambda t, q: scene.force(t, q, v0 + (t - t0) / h * (v1 - v0))
+        held0, held1 = (jnp.where(mode.active, guard, 0) for guard in (step.guard0, step.guard1))
+
+        def force(t, q):
+            s = (t - t0) / h
+            load = scene.force(t, q, v0 + s * (v1 - v0))
+            if not moved:
+                return load
+            return load + jax.vjp(lambda q: scene.gap(t, q), q)[1](held0 + s * (held1 - held0))[0]
+
         along = lambda t, q: lift @ force(t, q)
         largest = jnp.maximum(*(jnp.abs(force(*path.at(s)[:2])) for s in (0.0, 1.0)))
         rounded = 8 * rounding(h.dtype) * (jnp.abs(lift) @ largest)  # and what bounds add to it

@@ -19,7 +19,7 @@ from ..status import Status
 from .contact import Among, Instant, among_one, contact_geometry, gap_and_rate
 from .decisions import ImpactDetail, Limits, decide_transition
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
-from .held import load_varies, search_load, search_way
+from .held import load_varies, search_load, search_way, supports_move
 from .laws import transition_impulse
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene
@@ -117,7 +117,7 @@ class MechanicalSystem(AbstractFlatSystem):
 
     def _load_varies(self, t, x) -> bool:
         q, v, _ = self.split(x)
-        return self.scene.sustained_contact and load_varies(self.scene, t, q, v)
+        return self.scene.sustained_contact and (load_varies(self.scene, t, q, v) or supports_move(self.scene, t, q))
 
     def search(self, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
         """The gaps of open contacts, along the cubic through the ends of the step and within what it may be off; the

@@ -91,7 +91,7 @@ def test_only_a_load_that_bends_is_looked_at():
     assert load_varies(Loaded(*parts), *at)
     assert not any(load_varies(kind(*parts), *at) for kind in (Constant, Growing, OfTheState))
     plane = jnp.array(0.3), jnp.zeros(2), jnp.zeros(2)
-    assert load_varies(Magnet(jnp.array(LIFT)), *plane) and not load_varies(Hilly(jnp.array(1.0)), *plane)
+    assert load_varies(Magnet(jnp.array(LIFT)), *plane)
 
 
 LIFT = 3.0
@@ -185,56 +185,3 @@ def test_what_rests_without_a_load_is_held_when_one_grows(e):
     motion = hs.simulate(Approached(jnp.array(e)), hs.State([0.0, 1.0], [0.0, -0.5]), t1=10.0)
     t, w = 10 - np.pi, np.sqrt(2)
     np.testing.assert_allclose(motion.final.q[0], t / 4 - np.sin(w * t) / (4 * w), rtol=1e-7)
-
-
-class Hilly(hs.AbstractScene):
-    """A body that slides along a floor with a hill on it, far from where it begins."""
-
-    width: jax.Array
-
-    def mass_matrix(self, q):
-        return jnp.eye(2)
-
-    def force(self, t, q, v):
-        return jnp.array([0.0, -9.81])
-
-    def gap(self, t, q):
-        return (q[1] - jnp.exp(-(((q[0] - 20.0) / self.width) ** 2)))[None]
-
-    def restitution(self):
-        return jnp.array([0.5])
-
-
-@pytest.mark.parametrize("width", [1.0, 0.1])
-def test_a_hill_that_a_held_contact_comes_to_is_seen(width):
-    """It has not the energy to cross it. Where it slid on the flat no error limits the steps."""
-    slide = lambda **given: hs.simulate(Hilly(jnp.array(width)), hs.State([0.0, 0.0], [3.0, 0.0]), t1=10.0, **given)
-    found, fine = slide(), slide(max_step=0.01)
-    np.testing.assert_allclose(found.final.v, [-3.0, 0.0], atol=1e-6)
-    np.testing.assert_allclose(found.final.q, fine.final.q, atol=1e-6)
-    assert found.steps.accepted < 300
-
-
-class Bumped(hs.AbstractScene):
-    """A body that rests on a table, which is lifted for a moment."""
-
-    width: jax.Array
-
-    def mass_matrix(self, q):
-        return jnp.eye(1)
-
-    def force(self, t, q, v):
-        return jnp.array([-9.81])
-
-    def gap(self, t, q):
-        return q - 0.05 * jnp.exp(-(((t - 3.3) / self.width) ** 2))
-
-    def restitution(self):
-        return jnp.array([0.5])
-
-
-def test_a_table_that_bumps_for_a_moment_throws_what_rests_on_it():
-    throw = lambda **given: hs.simulate(Bumped(0.03), hs.State([0.0], [0.0]), t1=3.6, **given).events
-    found, fine = throw(), throw(max_step=0.01)
-    assert found.count == fine.count > 0
-    np.testing.assert_allclose(found.time[: found.count], fine.time[: fine.count], atol=1e-6)
