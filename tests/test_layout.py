@@ -54,6 +54,7 @@ MAY_IMPORT = {
     "estimation": CORE,
     "sweeps": CORE,
     "cli": CORE | {"comparison", "estimation", "sweeps"},
+    "__main__": {"cli"},
     "__init__": CORE | {"comparison", "estimation", "sweeps", "saved"},
 }
 """Part of the package -> parts that it may import, itself apart."""

@@ -154,6 +154,11 @@ def test_the_console_script_configures_jax_and_passes_its_status_on():
     assert len(ended.stderr.splitlines()) == 1
 
 
+def test_the_module_runs_as_the_console_script():
+    ended = subprocess.run([sys.executable, "-m", "hybridsens", "nothing"], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2 and "hybridsens: No such command 'nothing'" in ended.stderr
+
+
 def test_the_same_settings_may_be_made_twice():
     """Other ones may not, once JAX has started, but for the cache. A notebook's first cell can be run again, and a file
     that a command loads may have the call too."""
