@@ -1,6 +1,6 @@
 """Measurements: what was seen, when, and how exactly; with every requirement checked when they are made."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -79,8 +79,8 @@ def measurements(
 
     - `times`: (sample,) strictly increasing [s]; durations (`timedelta64`) become seconds, dates are refused.
     - `values`: (sample,) or (sample, observation).
-    - `sigma`: standard deviations, anything that broadcasts to the values; None if they are equal and unknown. A
-      fit of values and event times needs them, and one with priors.
+    - `sigma`: standard deviations, anything that broadcasts to the values, or of each name its own, {"q0": 0.1};
+      None if they are equal and unknown. A fit of values and event times needs them, and one with priors.
     - `names`: names of the observations; default q0, q1, ...
     - `missing`: "raise" on a NaN among the values or event times, or "skip" to leave those entries out of the fit.
     - `event_times`, `event_sigma`, `event_contacts`: times of impacts [s], their standard deviation (required with
@@ -104,8 +104,9 @@ def measurements(
     if t.size + np.sum(~np.isnan(events)) == 0:
         raise ValueError("The measurements must have at least one time, but have none.")
     return Measurements(
-        t, y, _sigmas(sigma, y), labels, events, *_event_columns(events, event_sigma, event_contacts)
-    )
+        t, y, _sigmas(_by_column(sigma, labels), y), labels, events,
+        *_event_columns(events, event_sigma, event_contacts),
+    )  # fmt: skip
 
 
 def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
@@ -167,6 +168,19 @@ def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
             )
         if gaps.size == column.size > 0:
             raise ValueError(f"Column {name!r} must have at least one value, but is NaN everywhere.")
+
+
+def _by_column(sigma: Any, names: tuple[str, ...]) -> Any:
+    """Standard deviations that are given by name, in the order of the columns."""
+    if not isinstance(sigma, Mapping):
+        return sigma
+    if set(sigma) != set(names):
+        raise ValueError(
+            f"`sigma` must have one entry for each observation, {', '.join(names)}, "
+            f"but has {', '.join(map(str, sigma))}."
+        )
+    columns = (np.atleast_1d(np.asarray(sigma[name], float)) for name in names)
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
 def _sigmas(sigma: Any, y: np.ndarray) -> np.ndarray | None:

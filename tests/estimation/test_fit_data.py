@@ -122,6 +122,17 @@ def test_sigmas_of_columns_that_were_not_chosen_are_let_be():
     assert read_measurements(table, columns="sigma_v0").names == ("sigma_v0",)
 
 
+def test_sigmas_may_be_given_by_name():
+    """Each a number or a column, in any order; two rows of two columns are not mistaken for each other."""
+    given = {"v0": [0.2, 0.3], "q0": 0.1}
+    found = measurements([1.0, 2.0], np.ones((2, 2)), sigma=given, names=["q0", "v0"])
+    np.testing.assert_array_equal(found.sigmas, [[0.1, 0.2], [0.1, 0.3]])
+    both = measurements([1.0, 2.0], np.ones((2, 2)), sigma={"q0": 0.1, "v0": 0.2}, names=["q0", "v0"])
+    np.testing.assert_array_equal(both.sigmas, [[0.1, 0.2]] * 2)
+    with pytest.raises(ValueError, match="one entry for each observation, q0, v0, but has q0"):
+        measurements([1.0, 2.0], np.ones((2, 2)), sigma={"q0": 0.1}, names=["q0", "v0"])
+
+
 def test_unknown_columns_and_words_are_refused(tmp_path):
     """Assert that a column that is not there, and a cell that is no number, are named."""
     path = _write(tmp_path, "t,q0\n0.1,1\n0.2,two\n")
