@@ -15,6 +15,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..flat_system import AbstractFlatSystem
+from ..forward.past_jump import past_jump
 from ..forward.record import Event, after_jump, before_jump, is_jump, jump_number
 from ..observables import EventStates, filled
 
@@ -52,7 +53,10 @@ def jump(system: AbstractFlatSystem, event: Event, flows: Flows, before: Float[A
     at_guard = before + flows.before * dt
     after, emitted = system.reset(event.decision, t, at_guard)
     if system.jump_times() is not None:
-        after = jnp.where(is_jump(event.guard), at_guard, after)
+        timed = is_jump(event.guard)
+        # Of any other event this is not used, and must be finite: so it stays in the mode before.
+        beyond = jax.tree.map(lambda old, new: jnp.where(timed, new, old), event.mode, event.decision.mode)
+        after = jnp.where(timed, past_jump(system, t, at_guard, (event.mode, beyond)), after)
     return Jump(after - flows.after * dt, EventStates(t, at_guard, after, emitted))
 
 

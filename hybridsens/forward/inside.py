@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import StepEnds
 from ..numerics.cubic import first_falling_root, hides_a_dip, tangents_meet_below
-from ..numerics.tolerances import closeness, rounding, time_resolution
+from ..numerics.tolerances import AT_END, closeness, rounding, time_resolution
 from .guards import are_known, first_to_fall
 
 MUCH = 1e3
@@ -153,7 +153,7 @@ def _look(step: StepEnds, before: Before) -> Inside:
     split = jnp.min(tangents_meet_below(*ends), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*ends), 0.5, split)
     split = jnp.where(h > time_resolution(t0, SHORTEST), split, jnp.inf)
-    ends_early = t_root < before.stop - time_resolution(t1, 3)
+    ends_early = t_root < before.stop - time_resolution(t1, AT_END)
     to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
     landed_on, since = first_to_fall(on_guard, guard, rate)
     split = jnp.where(known, split, 0.5)
@@ -169,9 +169,12 @@ def _on_guard(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
     may_fire = (before.noise == 0) | (before.shortenings > 0)
     close = jnp.abs(guard) <= rounded - time_resolution(step.t1, before.shortenings) * rate
     below_after_shortest = (h <= time_resolution(step.t0, 1)) & (guard < 0)
+    # No step is cut to end so little before the end of the solve. What fell there fires at the end: left below zero,
+    # it would be lost to a solve that goes on from here.
+    fell_at_end = (step.t1 >= before.stop) & (guard < 0) & (guard >= time_resolution(step.t1, AT_END) * rate)
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.
     fell = step.guard0 - guard
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))
     noise = closeness(guard.dtype) / rounding(guard.dtype) * rounded
     jumped = below_after_shortest & (fell > explained + noise)
-    return may_fire & (((rate < 0) & (close | below_after_shortest)) | jumped)
+    return may_fire & (((rate < 0) & (close | below_after_shortest | fell_at_end)) | jumped)

@@ -12,6 +12,7 @@ from ..flat_system import AbstractFlatSystem, Decision
 from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
 from ..status import Status
+from .past_jump import past_jump
 from .record import EventRow, Motion, after_jump, is_jump
 from .segment import SegmentEnd, guard_count, solve_segment
 from .solver import Stepper
@@ -64,7 +65,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     """Decide what the event is, reset the state, and write the event down; without an event the motion has ended.
 
     The first event is the beginning: the mode is chosen, the state is put on the constraints of that mode, and no row
-    is written. At a jump time the mode is chosen anew, and the state stays."""
+    is written. At a jump time the mode is chosen anew, and the state goes on."""
     t, before, events = end.time, motion.x, motion.events
     at_jump_time = is_jump(end.guard)
     hidden = at_jump_time | system.is_silent(end.guard, motion.mode)
@@ -81,7 +82,10 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         event = jnp.maximum(end.guard, -2)  # one number stands for every jump time
         decision = system.choose(event, at, before, motion.mode)
         reset_x, emitted = system.reset(decision, t, before)
-        at_event = lambda: jnp.where(at_jump_time, before, reset_x)
+        at_event = lambda: reset_x
+        if system.jump_times() is not None:
+            past = lambda: past_jump(system, t, before, (motion.mode, decision.mode))
+            at_event = lambda: lax.cond(at_jump_time, past, lambda: reset_x)
         after = lax.cond(motion.begun, at_event, lambda: system.project(t, before, decision.mode))
         return Transition(decision, after, emitted)
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jax import lax
 
+from ..numerics.tolerances import MOST_RELAXED, time_resolution
 from ..status import Status
 from ..validation.asked import Asked, kind_of
 from ..validation.returned import must_have_shape, returned_array, returned_leaves
@@ -93,8 +94,10 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> S
     e = scene.restitution()
     entries = [jnp.ravel(part) for part in jax.tree.leaves(mass_entries(mass))]
     values = jnp.concatenate([q, v, *entries, gap, rate, scene.force(t, q, v), t[None]])
+    # A motion may have ended a little inside, where it struck: its state begins another one.
+    inside = gap_tolerance(mode.length) + time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
     requirements = (
-        (ContactStatus.penetration, (event != -1) | jnp.all(gap >= -gap_tolerance(mode.length))),
+        (ContactStatus.penetration, (event != -1) | jnp.all(gap >= -inside)),
         (ContactStatus.bad_restitution, jnp.all((e >= 0) & (e <= 1))),
         (ContactStatus.bad_mass_matrix, _definite(mass, event)),
         (Status.non_finite, jnp.all(jnp.isfinite(values))),

@@ -16,6 +16,9 @@ def rounding(dtype) -> float:
 MOST_RELAXED = 5
 """1e-12 of what the clock shows. More would be a second at 1e8 s: events came before their guards fell."""
 
+AT_END = 3
+"""An event by less than `time_resolution(t, 3)` before the end of a solve is not told from that end."""
+
 
 def time_resolution(t, relaxation):
     """How exactly an event can be placed in time: 4 units in the last place, times 4^relaxation.
