@@ -104,7 +104,8 @@ def _check_mapping(seen: Mapping, names: tuple[str, ...]) -> None:
     unknown = [name for name in names if name not in seen]
     if unknown:
         raise ValueError(
-            f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}."
+            f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}. "
+            "Leave columns that are no measurements out of the data, by `read_measurements(data, columns=[...])`."
         )
     for name in names:
         _check_scalar(name, seen[name])

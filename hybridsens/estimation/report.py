@@ -10,6 +10,8 @@ from .descend import UNFINISHED, Sequence
 
 _BARELY = 0.9
 """Residuals larger than this part of the data's spread leave less than a fifth of its variance to the model."""
+_ALONE = 0.9
+"""A direction in which one parameter has this share is that parameter's own."""
 _EXACT = 1e-6
 """Residuals smaller than this part of the data are rounding, and alike from sample to sample."""
 
@@ -88,7 +90,7 @@ def _directions(result: Any) -> Iterator[str]:
     for direction in result.uncertainty.null_directions:
         yield f"not determined by the data (relative change): {_direction(direction)}"
     for error, direction in result.weak_directions():
-        yield f"hardly determined (standard error {error:.2g} of relative change): {_direction(direction)}"
+        yield _weak(error, direction, dict(zip(result.labels, result.values, strict=True)), result.standard_errors)
     pairs = np.argwhere(np.triu(np.abs(np.nan_to_num(result.correlation)) > 0.95, 1))
     for i, j in pairs:
         yield f"strongly correlated: {result.labels[i]} and {result.labels[j]} ({result.correlation[i, j]:+.3f})"
@@ -148,6 +150,18 @@ def _larger_than_sigmas(result: Any) -> bool:
 def _too_narrow(correlation: float) -> float:
     """Of the mean of noise whose correlations fall off geometrically."""
     return float(np.sqrt((1 + correlation) / max(1 - correlation, 1e-2)))
+
+
+def _weak(error: float, direction: dict[str, float], values: dict[str, float], errors: dict[str, float]) -> str:
+    """A direction of large relative error. One parameter alone has that where its value is near 0, and may be known
+    well: 0 is a value like others of a logarithm, or of an angle."""
+    label = max(direction, key=lambda label: abs(direction[label]))
+    if abs(direction[label]) < _ALONE:
+        return f"hardly determined (standard error {error:.2g} of relative change): {_direction(direction)}"
+    return (
+        f"hardly told from 0: {label}, which is {values[label]:.3g} with a standard error of {errors[label]:.2g} (no "
+        "matter where 0 is a value like others, as of a logarithm or an angle)"
+    )
 
 
 def _direction(direction: dict[str, float]) -> str:

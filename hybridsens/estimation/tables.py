@@ -55,7 +55,7 @@ def read_measurements(
         raise ValueError(f"The table must have at least one observed column beside the time, but has {list(table)}.")
     if sigma is None:
         sigma = _sigma_columns(table, names)
-    values = np.stack([np.asarray(table[name], float) for name in names], axis=1)
+    values = np.stack([_numbers(table, name) for name in names], axis=1)
     return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
 
 
@@ -105,7 +105,18 @@ def _sigma_columns(table: Mapping[str, Any], names: Sequence[str]) -> np.ndarray
         raise ValueError(
             f"Sigmas must be given for all observed columns {list(names)} or for none, but only for {given}."
         )
-    return np.stack([np.asarray(table[_SIGMA + name], float) for name in names], axis=1)
+    return np.stack([_numbers(table, _SIGMA + name) for name in names], axis=1)
+
+
+def _numbers(table: Mapping[str, Any], name: str) -> np.ndarray:
+    """A column. Raises: ValueError with its name for text, and for the NA of pandas among objects."""
+    try:
+        return np.asarray(table[name], float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"Column {name!r} must hold numbers, and NaN where one is missing, but does not: {error}. Convert it by "
+            '`pandas.to_numeric(column, errors="coerce")`, or leave it out by `read_measurements(data, columns=[...])`.'
+        ) from error
 
 
 def _as_mapping(data: Any, time: str | None) -> Mapping[str, Any]:

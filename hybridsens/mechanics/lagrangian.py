@@ -1,7 +1,9 @@
 """A scene written as energies: its mass matrix and its forces come out of them by automatic differentiation."""
 
 import abc
+import inspect
 import warnings
+from types import CodeType
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +35,7 @@ class LagrangianScene(AbstractScene):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         _warn_of_own_force(cls)
+        _warn_of_unread_force(cls)
 
     @abc.abstractmethod
     def kinetic_energy(self, q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, ""]:
@@ -89,6 +92,31 @@ def _warn_of_own_force(cls: type) -> None:
         "`applied_force` meant, which is added to them? To write all forces by hand, write `mass_matrix` too.",
         stacklevel=6,
     )
+
+
+def _warn_of_unread_force(cls: type) -> None:
+    """Say where a class writes a force under a name of its own, `external_force(t, q, v)`, which no method mentions.
+
+    One that writes `applied_force` as well knows that name: what else it has is for its own use."""
+    if cls.applied_force is not LagrangianScene.applied_force:
+        return
+    methods = {name: method for of in reversed(cls.__mro__) for name, method in vars(of).items()}
+    codes = {name: method.__code__ for name, method in methods.items() if inspect.isfunction(method)}
+    mentioned = set().union(*map(_words, codes.values()))
+    for name in sorted((vars(cls).keys() & codes.keys()) - mentioned - {"force"}):
+        arguments = codes[name].co_varnames[1 : codes[name].co_argcount]
+        if arguments == ("t", "q", "v") and ("force" in name or "torque" in name):
+            warnings.warn(
+                f"{cls.__name__} defines `{name}`, which none of its methods mentions. Is `applied_force` meant, which "
+                "is added to the forces that follow from the energies?",
+                stacklevel=6,
+            )
+
+
+def _words(code: CodeType) -> set[str]:
+    """Names that a function mentions, those of the functions inside of it too."""
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return set(code.co_names).union(*map(_words, inner))
 
 
 def _scalar(asked: Asked, *arguments) -> Float[Array, ""]:

@@ -100,14 +100,19 @@ def _stationary_points(a, b, d0):
 
 
 def _monotone_root(value, slope, low, high, iterations: int = 6):
-    """Root of a function that falls from `low` to `high`: Newton's method kept inside its bracket."""
+    """Root of a function that falls from `low` to `high`: Newton's method, and the chord where that leaves its bracket.
+
+    A chord, since half the bracket never gets to a root that lies close to an end: a landing aims at such a one."""
 
     def body(_, carry):
-        s, low, high = carry
+        s, low, high, at_low, at_high = carry
         c = value(s)
-        low, high = jnp.where(c >= 0, s, low), jnp.where(c < 0, s, high)
+        low, at_low = jnp.where(c >= 0, s, low), jnp.where(c >= 0, c, at_low)
+        high, at_high = jnp.where(c < 0, s, high), jnp.where(c < 0, c, at_high)
         newton = s - c / slope(s)
         inside = (newton >= low) & (newton <= high)
-        return jnp.where(inside, newton, 0.5 * (low + high)), low, high
+        fall = at_low - at_high
+        chord = low + (high - low) * jnp.clip(at_low / jnp.where(fall > 0, fall, 1), 0, 1)
+        return jnp.where(inside, newton, chord), low, high, at_low, at_high
 
-    return lax.fori_loop(0, iterations, body, (0.5 * (low + high), low, high))[0]
+    return lax.fori_loop(0, iterations, body, (0.5 * (low + high), low, high, value(low), value(high)))[0]

@@ -208,3 +208,13 @@ def test_a_folder_is_no_record(tmp_path):
         read_measurements(tmp_path / "none.csv")
     with pytest.raises(ValueError, match="a header and at least one row, but has 1 line.$"):
         read_measurements(_write(tmp_path, "t,q0\n"))
+
+
+@pytest.mark.parametrize("cell", [".", "BLQ", None])
+def test_a_column_that_holds_no_numbers_is_named(cell):
+    """Text, as a name of a subject or a mark for what was too little to be measured; and an NA among objects."""
+    pandas = pytest.importorskip("pandas")
+    column = pandas.Series([1.0, pandas.NA if cell is None else cell], dtype=object)
+    table = pandas.DataFrame({"time": [1.0, 2.0], "conc": column})
+    with pytest.raises(ValueError, match="Column 'conc' must hold numbers, and NaN .* `read_measurements"):
+        read_measurements(table, missing="skip")

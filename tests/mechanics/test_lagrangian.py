@@ -122,3 +122,17 @@ def test_a_force_that_takes_the_place_of_all_others_is_told():
         warnings.simplefilter("error")
         define(force=push, mass_matrix=lambda self, q: jnp.eye(1))
         define(force=lambda self, t, q, v: 1 + hs.LagrangianScene.force(self, t, q, v))
+
+
+def test_a_force_under_a_name_of_its_own_is_told():
+    """Unless a method reads it, or the scene writes `applied_force` too."""
+    define = lambda base=Lifted, **methods: type("Written", (base,), methods)
+    push = lambda self, t, q, v: jnp.ones(1)
+    for name in ("external_force", "generalized_forces", "motor_torque"):
+        with pytest.warns(UserWarning, match=f"Written defines `{name}`, which none .* Is `applied_force` meant"):
+            define(**{name: push})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        define(external_force=push, applied_force=push)
+        define(external_force=push, gap=lambda self, t, q: self.external_force(t, q, q))
+        define(external_power=push)

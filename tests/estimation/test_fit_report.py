@@ -1,0 +1,37 @@
+"""What the report of a fit says of parameters that are known badly, relative to their values."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from hybridsens.estimation.report import _directions
+from hybridsens.estimation.uncertainty import weak_directions
+
+LABELS = ("log_ka", "log_cl")
+
+
+def said_of(values, covariance):
+    """Of a fit with these values, whose parameters are all determined and free of bounds."""
+    sizes = np.sqrt(np.diag(covariance))
+    fitted = SimpleNamespace(
+        labels=LABELS,
+        values=values,
+        standard_errors=dict(zip(LABELS, sizes, strict=True)),
+        correlation=np.array(covariance) / np.outer(sizes, sizes),
+        weak_directions=lambda: weak_directions(LABELS, values, covariance),
+        on_bound=(),
+        uncertainty=SimpleNamespace(unseen=(), null_directions=[]),
+    )
+    return list(_directions(fitted))
+
+
+def test_a_logarithm_near_zero_is_not_called_hardly_determined():
+    """Of an absorption rate of 1 its logarithm is 0, and 0.15 is a small error of it."""
+    (remark,) = said_of([0.003, 1.6], [[0.15**2, 0.0], [0.0, 0.08**2]])
+    assert remark.startswith("hardly told from 0: log_ka, which is 0.003 with a standard error of 0.15 ")
+
+
+def test_a_direction_of_several_parameters_still_is():
+    """Two parameters of which only the sum is known."""
+    remark, _ = said_of([1.0, 1.0], [[1.0, -0.99], [-0.99, 1.0]])
+    assert remark.startswith("hardly determined (standard error 1.4 of relative change): log_")
