@@ -11,7 +11,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from .delays import overflowed
-from .flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
+from .flat_system import START, AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .numerics.shapes import Shapes
 from .numerics.tolerances import closeness, jump_window
@@ -114,7 +114,7 @@ class FlattenedSystem(AbstractFlatSystem):
 
         def begin():
             shown = self._show(t, x, mode)
-            starts = event == -1
+            starts = event == START
             watch = mode.watch.begin(t, shown.guards, starts)
             expected = jnp.where(starts, shown.times >= t, mode.expected)
             moves = ~starts & self._moves_by_itself(t, x, mode)

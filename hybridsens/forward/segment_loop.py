@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..flat_system import AbstractFlatSystem, Decision
+from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision
 from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
 from ..status import Status
@@ -52,7 +52,7 @@ def _goes_on(motion: Motion):
 def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
     """A motion without any event, in one solve; of no length where it must not start. Nothing holds its state, so
     nothing projects it."""
-    begins = system.choose(jnp.array(-1), motion.t, motion.x, motion.mode)
+    begins = system.choose(jnp.array(START), motion.t, motion.x, motion.mode)
     start = Status.where(motion.status == Status.running, begins.status, motion.status)
     motion = dataclasses.replace(motion, begun=jnp.array(True), status=start)
     motion, _ = solve_segment(system, stepper, jnp.where(start == Status.running, t1, motion.t), motion)
@@ -78,7 +78,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
 
     def transition():
         at = jnp.where(at_jump_time, after_jump(t), t)
-        event = jnp.maximum(end.guard, -2)  # one number stands for every jump time
+        event = jnp.maximum(end.guard, FLOW_JUMP)  # one number stands for every jump time
         decision = system.choose(event, at, before, motion.mode)
         reset_x, emitted = system.reset(decision, t, before)
         at_event = lambda: jnp.where(at_jump_time, before, reset_x)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jax import lax
 
+from ..flat_system import START
 from ..status import Status
 from ..validation.asked import Asked, kind_of
 from ..validation.returned import must_have_shape, returned_array, returned_leaves
@@ -85,7 +86,7 @@ def check_room(max_events: int, max_steps: int, state: State) -> None:
 def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> Status:
     """`Status.running` where the values at (t, q, v) fit, or why the motion must not go on from there.
 
-    Asked at the start (`event` -1), and again at every event, where the gaps are the business of the laws.
+    Asked at the start, and again at every event, where the gaps are the business of the laws.
     """
     t, q, v = now
     mass = scene.mass_matrix(q)
@@ -94,7 +95,7 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> S
     entries = [jnp.ravel(part) for part in jax.tree.leaves(mass_entries(mass))]
     values = jnp.concatenate([q, v, *entries, gap, rate, scene.force(t, q, v), t[None]])
     requirements = (
-        (ContactStatus.penetration, (event != -1) | jnp.all(gap >= -gap_tolerance(mode.length))),
+        (ContactStatus.penetration, (event != START) | jnp.all(gap >= -gap_tolerance(mode.length))),
         (ContactStatus.bad_restitution, jnp.all((e >= 0) & (e <= 1))),
         (ContactStatus.bad_mass_matrix, _definite(mass, event)),
         (Status.non_finite, jnp.all(jnp.isfinite(values))),

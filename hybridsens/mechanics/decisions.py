@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..flat_system import Decision
+from ..flat_system import START, Decision
 from ..numerics.tolerances import closeness
 from ..status import Status
 from .checks import may_begin
@@ -51,8 +51,7 @@ class ImpactDetail(eqx.Module):
 def decide_transition(
     scene: AbstractScene, limits: Limits, event: Int[Array, ""], now: Instant, mode: ContactMode
 ) -> Decision:
-    """The discrete outcome of guard `event` falling through zero at (t, q, v-); of the start where it is -1, of a jump
-    of the forces where it is -2."""
+    """The discrete outcome of guard `event` falling through zero at (t, q, v-), of the start, or of a flow jump."""
     t, q, v = now
     if mode.active.shape[0] == 0:  # no contact to choose: all that can be said is whether the values fit
         no_contact = ImpactDetail(*4 * [mode.active])
@@ -119,7 +118,7 @@ def _judge(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Cont
 def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
     """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2)."""
     mode = open_mode(scene.gap(t, q).shape[0], q.dtype)
-    return decide_transition(scene, Limits(0.0, (0.0, atol)), jnp.array(-1), Instant(t, q, v), mode).mode
+    return decide_transition(scene, Limits(0.0, (0.0, atol)), jnp.array(START), Instant(t, q, v), mode).mode
 
 
 def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: ContactMode, grazing, status) -> Verdict:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Int
 
-from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
+from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
 from ..search.stretches import gap_kinds, search_guards, warn_of_sampled
 from ..status import Status
@@ -134,7 +134,7 @@ class SwitchedSystem(AbstractFlatSystem):
         rises = mode.watch.is_silent(number)
         falls = (number >= 0) & ~rises
         after, own = lax.cond(falls, lambda: self._switch(number, t, x, mode.own), lambda: (x, mode.own))
-        contacts = self.within(own).choose(jnp.where(number >= 0, -2, event), t, after, mode.contacts)
+        contacts = self.within(own).choose(jnp.where(number >= 0, FLOW_JUMP, event), t, after, mode.contacts)
         among = jax.tree.map(lambda new, old: jnp.where(rises, old, new), contacts.mode, mode.contacts)
         after, _ = self.within(own).reset(contacts, t, after)
         seen = self._see(t, after, own, among, mode.watch)
@@ -144,7 +144,7 @@ class SwitchedSystem(AbstractFlatSystem):
             before, same = mode.watch.compare(self._switches, (mode.own, own), t, x, flow)
             return mode.watch.after(number, before, same, seen)
 
-        watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, seen, event == -1))
+        watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, seen, event == START))
         return dataclasses.replace(
             contacts,
             mode=SwitchedMode(among, own, watch),
