@@ -13,7 +13,7 @@ from ..flat_system import START, Decision
 from ..numerics.tolerances import closeness
 from ..status import Status
 from .checks import may_begin
-from .contact import MANY, Among, Instant, among_one, contact_jacobian, gap_and_rate
+from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate
 from .event_state import EventState, acted_on_nearby, look_at_event, wider_scales
 from .laws import Selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
@@ -64,7 +64,7 @@ def decide_transition(
         verdict = _judge(scene, limits, here, now, mode)
         return (verdict.mode, verdict.detail), verdict._replace(mode=None, detail=None)
 
-    if mode.active.shape[0] > MANY:  # not all will be looked at, and the sizes of all must be known from the start
+    if mode.active.shape[0] > FEW:  # not all will be looked at, and the sizes of all must be known from the start
         rate = gap_and_rate(scene, t, q, v)[1]
         begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, rate, limits.depth[1])
         mode = lax.cond(event < 0, begin, lambda: mode)
@@ -72,7 +72,7 @@ def decide_transition(
     near = scene.gap(t, q) <= NEAR * closeness(q.dtype) * (jnp.max(mode.length) + jnp.max(jnp.abs(q)))
     wanted = triggered | mode.held | near
     elsewhere = mode, ImpactDetail(*4 * [jnp.zeros_like(triggered)])
-    (after, detail), verdict = among_one(scene, wanted, Among(among, (mode, triggered), elsewhere))
+    (after, detail), verdict = among_wanted(scene, wanted, Among(among, (mode, triggered), elsewhere))
     status = Status.where(verdict.status == Status.running, may_begin(scene, after, event, now), verdict.status)
     bound, order_matters = verdict.first_step_bound, verdict.order_matters
     return Decision(after, verdict.kind, detail, verdict.grazing, status, bound, order_matters=order_matters)
