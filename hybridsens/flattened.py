@@ -65,7 +65,7 @@ class FlattenedSystem(AbstractFlatSystem):
     guard_count: int = eqx.field(static=True)
     scheduled_count: int | None = eqx.field(static=True)
     """How many scheduled times there are; None where the system does not speak of any."""
-    mode_like: Any
+    first_mode: Any
     """The mode in which the motion begins."""
 
     def split(self, vector):
@@ -98,11 +98,11 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def warn_of_sampled(self, t, x):
         """Say which guards are only sampled inside a step."""
-        warn_of_sampled("Guards", lambda t, x: self._values(t, x, self.mode_like), t, x)
+        warn_of_sampled("Guards", lambda t, x: self._values(t, x, self.first_mode), t, x)
 
     def searches(self, t, x):
         """Whether a guard is curved: what is affine in (t, x) cannot dip unseen. Told from the trace of the guards."""
-        return bool((gap_kinds(lambda t, x: self._values(t, x, self.mode_like), t, x)[0] >= Kind.CURVED).any())
+        return bool((gap_kinds(lambda t, x: self._values(t, x, self.first_mode), t, x)[0] >= Kind.CURVED).any())
 
     def search(self, step: StepEnds, mode: WatchedMode, tolerance, wanted) -> Searched:
         """Guards along the cubic through the ends of the step, and within what it may be off."""

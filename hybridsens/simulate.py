@@ -174,7 +174,7 @@ def _simulate(
     declared = contacts.jump_ts is not None
     warn_of_discontinuities(contacts.scene, t0, state.q, state.v, contacts.running_cost, declared)
     if isinstance(system, SwitchedSystem):
-        warn_of_switch(system.rules, contacts.scene, t0, state.q, state.v, system.mode_like)
+        warn_of_switch(system.rules, contacts.scene, t0, state.q, state.v, system.first_mode)
     contacts = dataclasses.replace(contacts, scene=with_known_mass(contacts.scene, state.q))
     cost = Shapes.of(jax.eval_shape(lambda: contacts.cost_rate(t0, state.q, state.v)))
     x0 = jnp.concatenate([state.q, state.v, jnp.zeros(cost.size, state.q.dtype)])
@@ -198,9 +198,7 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) 
     kind = jnp.where(happened, reported.kind, -1)
     impulse, closing_speed = states.emitted
     order_matters = happened & reported.order_matters
-    events = Events(
-        states.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes
-    )
+    events = Events(states.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes)
     sampled = (None, None) if samples is None else system.split(samples)[:2]
     return Trajectory(
         ts, *sampled, State(q, v), cost.restore(z), events, closed, reported.status,

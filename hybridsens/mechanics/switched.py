@@ -48,13 +48,13 @@ class SwitchedSystem(AbstractFlatSystem):
     contacts: MechanicalSystem
     rules: SwitchRules
     switch_count: int = eqx.field(static=True)
-    mode_like: Any
+    first_mode: Any
     """The scene's mode in which the motion begins."""
 
     def begin(self, contacts: MechanicalSystem, mode: ContactMode, x) -> tuple["SwitchedSystem", SwitchedMode]:
         """The system with these contacts, and the mode that it begins in at x; `choose` looks at its switches."""
         watch = Watch.blank(self.switch_count, x)
-        return dataclasses.replace(self, contacts=contacts), SwitchedMode(mode, self.mode_like, watch)
+        return dataclasses.replace(self, contacts=contacts), SwitchedMode(mode, self.first_mode, watch)
 
     def within(self, own) -> MechanicalSystem:
         """The system of contacts in a mode of the scene."""
@@ -96,14 +96,14 @@ class SwitchedSystem(AbstractFlatSystem):
     def warn_of_sampled(self, t, x):
         """Say which gaps and which switches are only sampled inside a step."""
         self.contacts.warn_of_sampled(t, x)
-        warn_of_sampled("Switches", lambda t, x: self._switches(t, x, self.mode_like), t, x)
+        warn_of_sampled("Switches", lambda t, x: self._switches(t, x, self.first_mode), t, x)
 
     def searches(self, t, x):
         """Whether a gap or a switch is curved."""
         return self.contacts.searches(t, x) or self._has_curved_switches(t, x)
 
     def _has_curved_switches(self, t, x) -> bool:
-        return bool((gap_kinds(lambda t, x: self._switches(t, x, self.mode_like), t, x)[0] >= Kind.CURVED).any())
+        return bool((gap_kinds(lambda t, x: self._switches(t, x, self.first_mode), t, x)[0] >= Kind.CURVED).any())
 
     def search(self, step: StepEnds, mode: SwitchedMode, tolerance, wanted) -> Searched:
         """Gaps and switches each by themselves; what is found first counts."""
