@@ -50,17 +50,15 @@ class BackwardOptions(NamedTuple):
     """How to go back: by which method, and whether the ends of the horizon are differentiated by."""
 
     adjoint: AbstractGradientMethod
-    by_t0: bool
-    by_t1: bool
+    t0_perturbed: bool
+    t1_perturbed: bool
 
 
-def _go(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
+@eqx.filter_jit  # in a batch it is traced for an element and for its way back: looked up then
+def go_forward(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
     """A motion and its samples."""
-    motion = _run(problem, options)
+    motion = _forward_pass(problem, options)
     return motion, _samples(problem, options, motion)
-
-
-go_forward = eqx.filter_jit(_go)  # in a batch it is traced for an element and for its way back: looked up then
 
 
 def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: Problem) -> Observables:
@@ -92,24 +90,29 @@ def go_back(
 ) -> Problem:
     """Cotangents of the problem from those of what is reported of its motion."""
     motion = _follow(problem, options, motion)  # forward over reverse
-    system, method = problem.system, options.method
+    backward = _backward_pass(problem, options, way.adjoint, motion, cotangent)
+    start = (problem.t0, problem.x0)
+    find_steps = recorded_steps
+    if options.method.segment_steps is not None:
+        stepper = options.method.stepper(_flow_size(problem, options))
+        find_steps = partial(recomputed_steps, problem.system, stepper, start, problem.t1)
+    cotangents = pull_back(backward, find_steps, motion, start, problem.t1, (way.t0_perturbed, way.t1_perturbed))
+    by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
+    return Problem(*cotangents, by_ts)
+
+
+def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, cotangent: Observables) -> BackwardPass:
+    """What the backward pass is made from. Samples that the motion has not come to have no cotangents."""
+    method, system = options.method, problem.system
     replay = method.replay_solver(_flow_size(problem, options))
-    final, of_samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
-    if of_samples is not None:
-        ts, of_samples = problem.ts, jnp.where(_reached(problem.ts, motion), of_samples, 0)
-    of_rows = Observables(final, of_samples, in_rows_recorded(motion, method.max_events, cotangent.events))
+    final, samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
+    if samples is not None:
+        ts, samples = problem.ts, jnp.where(_reached(problem.ts, motion), samples, 0)
+    by_rows = Observables(final, samples, in_rows_recorded(motion, method.max_events, cotangent.events))
     controlled = method.derivative_rtol != math.inf
     control = _control(method, replay)
     inside = in_steps(system, options.mode, problem.t1, motion.x)
-    backward = BackwardPass(system, inside, way.adjoint, replay, controlled, control, of_rows, ts)
-    start = (problem.t0, problem.x0)
-    find_steps = recorded_steps
-    if method.segment_steps is not None:
-        stepper = method.stepper(_flow_size(problem, options))
-        find_steps = partial(recomputed_steps, problem.system, stepper, start, problem.t1)
-    gradient = pull_back(backward, find_steps, motion, start, problem.t1, (way.by_t0, way.by_t1))
-    ts_bar = None if ts is None else _by_sample_times(problem, replay, motion, of_samples)
-    return Problem(gradient.system, gradient.x0, gradient.t0, gradient.t1, ts_bar)
+    return BackwardPass(system, inside, adjoint, replay, controlled, control, by_rows, ts)
 
 
 def _control(method: Method, solver) -> DerivativeControl:
@@ -123,14 +126,13 @@ def _control(method: Method, solver) -> DerivativeControl:
     return DerivativeControl(rtol, method.atol / method.rtol, control_order(solver, TERM), 4 * method.max_steps)
 
 
-def _by_sample_times(problem: Problem, solver, motion: Motion, cotangent):
+def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):
     """Cotangents of the times asked for: a later sample lies further along the flow."""
-    sample = lambda ts: sample_states(problem.system, solver, motion, ts)
-    return jax.vjp(sample, problem.ts)[1](cotangent)[0]
+    sample = lambda ts: sample_states(problem.system, backward.solver, motion, ts)
+    return jax.vjp(sample, problem.ts)[1](backward.cotangent.samples)[0]
 
 
-def _run(problem: Problem, options: Options) -> Motion:
-    """The forward pass."""
+def _forward_pass(problem: Problem, options: Options) -> Motion:
     system, x0, t0, t1, _ = problem
     stepper = options.method.stepper(_flow_size(problem, options))
     method = options.method

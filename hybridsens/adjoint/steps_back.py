@@ -73,7 +73,7 @@ class BackwardPass(NamedTuple):
     system: AbstractFlatSystem
     in_steps: Any
     """Which of its leaves are parameters that a step depends on."""
-    method: AbstractGradientMethod
+    adjoint: AbstractGradientMethod
     solver: diffrax.AbstractSolver
     """That of the motion, for steps that are differentiated."""
     controlled: bool
@@ -179,7 +179,7 @@ def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
     """One step back. What it adds to dJ/dtheta is packed, because the error control then works on few arrays."""
     parameters, static = eqx.partition(backward.system, backward.in_steps)
     step = RecordedStep(parameters, static, mode, t0, t1, x0, backward.solver, backward.controlled)
-    done = backward.method.carry_back(step, psi)
+    done = backward.adjoint.carry_back(step, psi)
     error = None if done.total_error is None else pack(done.total_error)
     return done._replace(total=pack(done.total), total_error=error)
 
