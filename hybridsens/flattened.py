@@ -15,7 +15,7 @@ from .flat_system import START, AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .numerics.shapes import Shapes
 from .numerics.tolerances import closeness, jump_window
-from .search.stretches import gap_kinds, search_guards, warn_of_sampled
+from .search.gap_search import gap_kinds, search_guards, warn_of_sampled
 from .status import Status
 from .system import AbstractHybridSystem
 from .system_checks import as_written

@@ -95,7 +95,7 @@ def solve(
     counts, cost = check_system(system, running_cost, t0, x0, mode)
     system, running_cost = in_type(lifted(system, running_cost, t0, x0, mode), dtype)
     adjoint = adjoint or Replay()
-    again = Again.of(
+    again = Call.of(
         dict(
             system=system, x0=x0, mode=mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
             rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step, adjoint=adjoint,
@@ -119,7 +119,7 @@ def solve(
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 
 
-class Again(eqx.Module):
+class Call(eqx.Module):
     """A call of `solve` with all arguments but `ts`."""
 
     arrays: tuple
@@ -127,7 +127,7 @@ class Again(eqx.Module):
     tree: Any = eqx.field(static=True)
 
     @classmethod
-    def of(cls, given: dict) -> "Again":
+    def of(cls, given: dict) -> "Call":
         leaves, tree = jax.tree.flatten(given, is_leaf=lambda leaf: leaf is None)
         arrays = tuple(leaf if eqx.is_array(leaf) else None for leaf in leaves)
         return cls(arrays, tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves), tree)

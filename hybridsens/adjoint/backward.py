@@ -15,12 +15,12 @@ from ..xla.packed import pack
 from .control import FORESEEN
 from .jump import Jump, pull_jump_back
 from .no_length import pull_through
-from .steps_back import BackwardPass, Costate, Steps, through_steps
+from .steps_back import BackwardPass, Costate, SegmentSteps, through_steps
 
 
 def pull_back(
     backward: BackwardPass,
-    find_steps: Callable[[Motion, Array], Steps],
+    find_steps: Callable[[Motion, Array], SegmentSteps],
     motion: Motion,
     initial,
     t1,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision
 from ..numerics.tolerances import time_resolution
@@ -69,22 +69,10 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     at_jump_time = is_jump(end.guard)
     hidden = at_jump_time | system.is_silent(end.guard, motion.mode)
     full = ~hidden & (events.count - motion.unreported >= events.room)
-    # A scheduled time comes again only where an event moves it, a guard at one instant where its event put it below 0.
-    again = motion.begun & (end.guard == motion.last_guard) & (end.guard < guard_count(system, motion))
-    again &= jnp.logical_not(system.fires_at_once(end.guard, motion.mode))
-    again &= t - motion.last_event_time <= time_resolution(t, 1)
+    again = _comes_again(system, motion, end)
     passes = end.event & ~full & ~again
     recorded = passes & motion.begun
-
-    def transition():
-        at = jnp.where(at_jump_time, after_jump(t), t)
-        event = jnp.maximum(end.guard, FLOW_JUMP)  # one number stands for every jump time
-        decision = system.choose(event, at, before, motion.mode)
-        reset_x, emitted = system.reset(decision, t, before)
-        at_event = lambda: jnp.where(at_jump_time, before, reset_x)
-        after = lax.cond(motion.begun, at_event, lambda: system.project(t, before, decision.mode))
-        return Transition(decision, after, emitted)
-
+    transition = lambda: _transition(system, motion, end, at_jump_time)
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
     done = lax.cond(passes, transition, lambda: nothing)
     after = jnp.where(passes, done.after, before)
@@ -113,6 +101,27 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         first_step=first_step,
         status=_status(motion, end, full, again, Status.where(passes, done.decision.status, Status.running)),
     )
+
+
+def _comes_again(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Bool[Array, ""]:
+    """Whether the last event comes once more, at the same instant: it would do so for ever.
+
+    A scheduled time comes again only where an event moves it, a guard where its event put it below 0."""
+    again = motion.begun & (end.guard == motion.last_guard) & (end.guard < guard_count(system, motion))
+    again &= jnp.logical_not(system.fires_at_once(end.guard, motion.mode))
+    return again & (end.time - motion.last_event_time <= time_resolution(end.time, 1))
+
+
+def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_jump_time) -> Transition:
+    """Carry out an event: decide, and reset the state; project it at the beginning, and leave it at a jump time."""
+    t, before = end.time, motion.x
+    at = jnp.where(at_jump_time, after_jump(t), t)
+    event = jnp.maximum(end.guard, FLOW_JUMP)  # one number stands for every jump time
+    decision = system.choose(event, at, before, motion.mode)
+    reset_x, emitted = system.reset(decision, t, before)
+    at_event = lambda: jnp.where(at_jump_time, before, reset_x)
+    after = lax.cond(motion.begun, at_event, lambda: system.project(t, before, decision.mode))
+    return Transition(decision, after, emitted)
 
 
 def _status(motion: Motion, end: SegmentEnd, full, again, decided: Status) -> Status:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Int
 
 from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
-from ..search.stretches import gap_kinds, search_guards, warn_of_sampled
+from ..search.gap_search import gap_kinds, search_guards, warn_of_sampled
 from ..status import Status
 from ..watch import Seen, Watch
 from .mode import ContactMode, EventKind

@@ -13,8 +13,8 @@ from jaxtyping import Array, Float
 from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
 from ..numerics.tolerances import closeness
+from ..search.gap_search import gap_kinds, search_gaps, warn_of_sampled
 from ..search.path import Path
-from ..search.stretches import gap_kinds, search_gaps, warn_of_sampled
 from ..status import Status
 from .contact import Among, Instant, among_wanted, contact_geometry, gap_and_rate
 from .decisions import ImpactDetail, Limits, decide_transition
