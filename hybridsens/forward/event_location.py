@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from ..flat_system import StepEnds
 from ..numerics.tolerances import rounding, time_resolution
 from .guards import GuardsAtStart, scales_at
-from .inside import SHORTEST, Inside, Resolution, look_inside
+from .inside import Inside, Resolution, is_divisible, look_inside
 from .record import StepRecord
 
 LEAST_SEARCHED = 1 / 64
@@ -177,7 +177,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
 def _search(system, mode, ends: StepEnds, accurate, inside: Inside, resolution: Resolution) -> Inside:
     """What a search of the inside of the step adds where its ends show nothing."""
     h = ends.t1 - ends.t0
-    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & (h > time_resolution(ends.t0, SHORTEST))
+    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & is_divisible(ends.t0, h)
     # The end was judged before: without its own depth the search would find it again.
     tolerance = resolution.rounding + resolution.noise + jnp.maximum(-ends.guard1, 0)
     searched = system.search(ends, mode, tolerance, wanted)

@@ -14,10 +14,6 @@ from .guards import are_known, first_to_fall
 MUCH = 1e3
 """A guard that falls by so many times what its rates explain has jumped."""
 
-SHORTEST = 4
-"""Steps shorter than `time_resolution(t, 4)` are neither split nor searched: their length is known to no better than a
-part in a thousand."""
-
 BLOCK = 32
 """Many guards are looked at so many at once, and only where one of them is near zero."""
 
@@ -59,6 +55,12 @@ class Inside(NamedTuple):
     """Whether a guard misses zero by less than can be told from an event."""
     known: Bool[Array, ""]
     """Whether its guards and their rates are numbers."""
+
+
+def is_divisible(t0, h) -> Bool[Array, ""]:
+    """Whether a step may be split or searched: the length of a shorter one is known to no better than a part in a
+    thousand."""
+    return h > time_resolution(t0, 4)
 
 
 def look_inside(step: StepEnds, resolution: Resolution) -> Inside:
@@ -152,7 +154,7 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     ends = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
     split = jnp.min(tangents_meet_below(*ends), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*ends), 0.5, split)
-    split = jnp.where(h > time_resolution(t0, SHORTEST), split, jnp.inf)
+    split = jnp.where(is_divisible(t0, h), split, jnp.inf)
     ends_early = t_root < resolution.stop - time_resolution(t1, 3)
     to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
     landed_on, since = first_to_fall(on_guard, guard, rate)

@@ -119,8 +119,8 @@ class Motion(eqx.Module):
     """The mode that it began in. Every later one is that after an event."""
     steps: StepRecord
     events: EventRecord
-    last_guard: Int[Array, ""]
-    """Guard of the last event, -1 before the first."""
+    last_event: Int[Array, ""]
+    """Number of the last event, -1 before the first."""
     last_event_time: Float[Array, ""]
     """-inf before the first."""
     grazing: Bool[Array, ""]

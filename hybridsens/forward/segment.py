@@ -20,11 +20,11 @@ from .solver import TERM, Stepper
 class SegmentEnd(eqx.Module):
     """Why a segment ended."""
 
-    event: Bool[Array, ""]
+    is_event: Bool[Array, ""]
     """Whether a guard fell through zero, or a declared time was reached."""
-    guard: Int[Array, ""]
-    """Which one: a guard, or `jump_number(j)` for jump time j; `START` where the motion has not begun, meaningless
-    without an event."""
+    event: Int[Array, ""]
+    """Which one: a guard or a scheduled time, or `jump_number(j)` for jump time j; `START` where the motion has not
+    begun, meaningless without an event."""
     time: Float[Array, ""]
     """When: where the motion stands, or the declared time itself."""
 
@@ -63,7 +63,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     guard = jnp.where(motion.begun, guard, START)
     first_step = jnp.where(motion.begun, state.free_step, motion.first_step)  # to be found in the mode then chosen
     motion = Motion(
-        motion.begun, ts[0], ys[0], motion.mode, motion.first_mode, state.record, motion.events, motion.last_guard,
+        motion.begun, ts[0], ys[0], motion.mode, motion.first_mode, state.record, motion.events, motion.last_event,
         motion.last_event_time, motion.grazing | state.grazing, motion.unreported, state.rejected, first_step,
         Status.where(jnp.isnan(known.time), Status.non_finite, _status(solution.result, state.finite)),
     )  # fmt: skip

@@ -66,11 +66,11 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     The first event is the beginning: the mode is chosen, the state is put on the constraints of that mode, and no row
     is written. At a jump time the mode is chosen anew, and the state stays."""
     t, before, events = end.time, motion.x, motion.events
-    at_jump_time = is_jump(end.guard)
-    hidden = at_jump_time | system.is_silent(end.guard, motion.mode)
+    at_jump_time = is_jump(end.event)
+    hidden = at_jump_time | system.is_silent(end.event, motion.mode)
     full = ~hidden & (events.count - motion.unreported >= events.room)
     again = _comes_again(system, motion, end)
-    passes = end.event & ~full & ~again
+    passes = end.is_event & ~full & ~again
     recorded = passes & motion.begun
     transition = lambda: _transition(system, motion, end, at_jump_time)
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
@@ -82,7 +82,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     first_step = jnp.where(passes, jnp.minimum(motion.first_step, first_step_bound), motion.first_step)
     # The row is always written and counts only if `recorded`: a conditional would copy the whole buffer.
     states = EventStates(jnp.where(recorded, t, jnp.inf), before, after, done.emitted)
-    event = EventRow(states, jnp.where(recorded, end.guard, -1), done.decision)
+    event = EventRow(states, jnp.where(recorded, end.event, -1), done.decision)
     events = events.append(recorded, event, motion.steps.count, first_step)
     mode = jax.tree.map(lambda new, old: jnp.where(passes, new, old), done.decision.mode, motion.mode)
     return Motion(
@@ -93,7 +93,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         first_mode=jax.tree.map(lambda first, new: jnp.where(motion.begun, first, new), motion.first_mode, mode),
         steps=motion.steps.jump(t_after, after),
         events=events,
-        last_guard=jnp.where(passes, end.guard, motion.last_guard),
+        last_event=jnp.where(passes, end.event, motion.last_event),
         last_event_time=jnp.where(recorded, t, motion.last_event_time),
         grazing=motion.grazing | (recorded & done.decision.grazing),
         unreported=motion.unreported + (recorded & hidden),
@@ -107,8 +107,8 @@ def _comes_again(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) ->
     """Whether the last event comes once more, at the same instant: it would do so for ever.
 
     A scheduled time comes again only where an event moves it, a guard where its event put it below 0."""
-    again = motion.begun & (end.guard == motion.last_guard) & (end.guard < guard_count(system, motion))
-    again &= jnp.logical_not(system.fires_at_once(end.guard, motion.mode))
+    again = motion.begun & (end.event == motion.last_event) & (end.event < guard_count(system, motion))
+    again &= jnp.logical_not(system.fires_at_once(end.event, motion.mode))
     return again & (end.time - motion.last_event_time <= time_resolution(end.time, 1))
 
 
@@ -116,7 +116,7 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     """Carry out an event: decide, and reset the state; project it at the beginning, and leave it at a jump time."""
     t, before = end.time, motion.x
     at = jnp.where(at_jump_time, after_jump(t), t)
-    event = jnp.maximum(end.guard, FLOW_JUMP)  # one number stands for every jump time
+    event = jnp.maximum(end.event, FLOW_JUMP)  # one number stands for every jump time
     decision = system.choose(event, at, before, motion.mode)
     reset_x, emitted = system.reset(decision, t, before)
     at_event = lambda: jnp.where(at_jump_time, before, reset_x)
@@ -128,7 +128,7 @@ def _status(motion: Motion, end: SegmentEnd, full, again, decided: Status) -> St
     """What is said of the motion after a segment and its event. Later lines override earlier ones."""
     reached = Status.where(motion.grazing, Status.grazing, Status.successful)
     ended = Status.where(motion.status == Status.running, reached, motion.status)
-    status = Status.where(end.event, motion.status, ended)
+    status = Status.where(end.is_event, motion.status, ended)
     status = Status.where(decided == Status.running, status, decided)
-    status = Status.where(end.event & again, Status.event_repeats, status)
-    return Status.where(end.event & full, Status.max_events_reached, status)
+    status = Status.where(end.is_event & again, Status.event_repeats, status)
+    return Status.where(end.is_event & full, Status.max_events_reached, status)
