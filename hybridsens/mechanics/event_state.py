@@ -38,7 +38,7 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     t, q, v = now
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
-    pressed = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
+    falls = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
     mode = wider_scales(mode, geometry.jacobian, q, v, rate, atol)
     tolerance = gap_tolerance(mode.length)
     chosen_anew = event < 0  # at the start and at a flow jump
@@ -50,9 +50,9 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
     closed = jnp.where(chosen_anew, (gap <= tolerance) | held, closed)
     impacting = closed & ~is_release & ~chosen_anew
-    below_rounding = rate_below_rounding(pressed, mode)
+    below_rounding = rate_below_rounding(falls, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
-    at_event = EventState(geometry, gap, rate, pressed, triggered, meeting, closed, impacting, below_rounding)
+    at_event = EventState(geometry, gap, rate, falls, triggered, meeting, closed, impacting, below_rounding)
     return at_event, dataclasses.replace(mode, fastest=fastest)
 
 
