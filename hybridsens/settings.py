@@ -105,17 +105,17 @@ class Numbers(NamedTuple):
     max_step: Any
     capture_speed: Any
 
-    def as_arrays(self, dtype) -> "Numbers":
-        return jax.tree.map(lambda x: x if isinstance(x, jax.Array) else np.asarray(x, dtype), self)
 
-
-def given_numbers(rtol, atol, max_step, capture_speed, dtype) -> Numbers:
+def given_numbers(rtol, atol, max_step, capture_speed, dtype, arguments) -> Numbers:
+    """The settings that are numbers; `arguments` of the motion tell whether a program is being compiled."""
     rtol, atol = _tolerances(real_tolerance("rtol", rtol), real_tolerance("atol", atol), dtype)
     max_step = None if max_step is None else real_tolerance("max_step", max_step)
     numbers = Numbers(rtol, atol, max_step, real_fraction("capture_speed", capture_speed))
     arrays, known = eqx.partition(numbers, lambda x: isinstance(x, jax.Array))
     if jax.tree.leaves(arrays):
         arrays = jax.tree.map(lambda x: x.astype(dtype), not_differentiable(arrays))
+    if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
+        known = jax.tree.map(lambda x: np.asarray(x, dtype), known)
     return eqx.combine(arrays, known)
 
 
@@ -172,8 +172,6 @@ def check_settings(max_events, max_steps, solver, adjoint, throw):
             f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), but is {kind_of(solver)}."
         )
     if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
-        raise TypeError(
-            f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {kind_of(adjoint)}."
-        )
+        raise TypeError(f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {kind_of(adjoint)}.")
     if not isinstance(throw, bool) and not (isinstance(throw, str) and throw == "nan"):
         raise TypeError(f'`throw` must be True, False or "nan", but is {throw!r}.')

@@ -116,11 +116,9 @@ def simulate(
     scene = told_of_constants(scene)
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
     check_settings(max_events, max_steps, solver, adjoint, throw)
-    compiling = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((scene, state, t0, t1, ts)))
     if capture_speed is None:
         capture_speed = default_capture_speed(state.q.dtype)
-    numbers = given_numbers(rtol, atol, max_step, capture_speed, state.q.dtype)
-    numbers = numbers if compiling else numbers.as_arrays(state.q.dtype)
+    numbers = given_numbers(rtol, atol, max_step, capture_speed, state.q.dtype, (scene, state, t0, t1, ts))
     check_mesh(scene, running_cost, state, t0, t1, ts)
     jump_ts = declared_jump_times(scene, jump_ts, state.q.dtype)
     mode = mode_as_arrays(mode)

@@ -6,7 +6,6 @@ from typing import Any, Literal
 import diffrax
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -102,10 +101,9 @@ def solve(
             throw=throw,
         )
     )  # fmt: skip
-    numbers = _numbers((rtol, atol, max_step), (system, x0, t0, t1, ts), dtype)
-    rtol, atol, max_step = numbers
+    numbers = given_numbers(rtol, atol, max_step, 0.0, dtype, (system, x0, t0, t1, ts))
     room = max_events, max_steps, segment_room(adjoint, ts)
-    method = Method(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
+    method = Method(solver or diffrax.Tsit5(), numbers.rtol, numbers.atol, *room, numbers.max_step, adjoint.step_rtol)
     if not adjoint.forward_mode:
         system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
     flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), *counts, mode)
@@ -147,15 +145,6 @@ class Call(eqx.Module):
     def _given(self) -> dict[str, Any]:
         leaves = [fixed if array is None else array for array, fixed in zip(self.arrays, self.rest, strict=True)]
         return self.tree.unflatten(leaves)
-
-
-def _numbers(settings, given, dtype):
-    """Tolerances and the longest step: constants of a program that is being compiled, arrays of one that is called."""
-    rtol, atol, max_step = settings
-    numbers = given_numbers(rtol, atol, max_step, 0.0, dtype)
-    compiling = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(given))
-    numbers = numbers if compiling else numbers.as_arrays(dtype)
-    return numbers.rtol, numbers.atol, numbers.max_step
 
 
 @eqx.filter_jit
