@@ -91,12 +91,8 @@ def go_back(
     """Cotangents of the problem from those of what is reported of its motion."""
     motion = _follow(problem, options, motion)  # forward over reverse
     backward = _backward_pass(problem, options, way.adjoint, motion, cotangent)
-    start = (problem.t0, problem.x0)
-    find_steps = recorded_steps
-    if options.method.segment_steps is not None:
-        stepper = options.method.stepper(_flow_size(problem, options))
-        find_steps = partial(recomputed_steps, problem.system, stepper, start, problem.t1)
-    cotangents = pull_back(backward, find_steps, motion, start, problem.t1, (way.t0_perturbed, way.t1_perturbed))
+    perturbed_ends = way.t0_perturbed, way.t1_perturbed
+    cotangents = pull_back(backward, motion, (problem.t0, problem.x0), problem.t1, perturbed_ends)
     by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
     return Problem(*cotangents, by_ts)
 
@@ -112,7 +108,11 @@ def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, 
     controlled = method.derivative_rtol != math.inf
     control = _control(method, replay)
     inside = in_steps(system, options.mode, problem.t1, motion.x)
-    return BackwardPass(system, inside, adjoint, replay, controlled, control, by_rows, ts)
+    find_steps = recorded_steps
+    if method.segment_steps is not None:
+        stepper = method.stepper(_flow_size(problem, options))
+        find_steps = partial(recomputed_steps, system, stepper, (problem.t0, problem.x0), problem.t1)
+    return BackwardPass(system, inside, adjoint, replay, controlled, control, by_rows, ts, find_steps)
 
 
 def _control(method: Method, solver) -> DerivativeControl:

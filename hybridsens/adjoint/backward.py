@@ -1,6 +1,5 @@
 """The backward pass: from the end of a motion to its start, through every jump and every recorded step."""
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -15,37 +14,25 @@ from ..xla.packed import pack
 from .control import FORESEEN
 from .jump import Jump, pull_jump_back
 from .no_length import pull_through
-from .steps_back import BackwardPass, Costate, SegmentSteps, through_steps
+from .steps_back import BackwardPass, Costate, through_steps
 
 
 def pull_back(
-    backward: BackwardPass,
-    find_steps: Callable[[Motion, Array], SegmentSteps],
-    motion: Motion,
-    initial,
-    t1,
-    perturbed_ends: tuple[bool, bool],
+    backward: BackwardPass, motion: Motion, initial, t1, perturbed_ends: tuple[bool, bool]
 ) -> tuple[Any, Array, Array, Array]:
     """Derivatives of a cost by the system, x0, t0 and t1.
 
     Between events psi is carried back over the recorded steps, psi' = -f_x^T psi, at data times psi- = psi+ + c_x
-    (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `find_steps` gives a segment's steps,
-    `initial` is (t0, x0); `perturbed_ends` says whether t0 and t1 are differentiated by.
+    (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `initial` is (t0, x0); `perturbed_ends`
+    says whether t0 and t1 are differentiated by.
     """
     system = backward.system
     t0_perturbed, t1_perturbed = perturbed_ends
     start = _costate_at_end(backward, motion)
 
     def one_segment(carry):
-        # Segment j lies between events j - 1 and j. `valid` is nan where a segment that was run again came back
-        # different.
         j, costate, by_events = carry
-        steps = find_steps(motion, j)
-        costate = costate._replace(psi=steps.valid * costate.psi)
-        costate = through_steps(backward, steps, segment_end(motion, j), costate)
-        by_parameters, by_state = pull_through(system, backward.in_steps, motion, j, initial[0], costate.psi)
-        total = jax.tree.map(jnp.add, costate.total, pack(by_parameters))
-        costate = costate._replace(psi=costate.psi + by_state, total=total)
+        costate = _through_segment(backward, motion, j, initial[0], costate)
         go = lambda: _through_event(backward, recorded_event(motion, j - 1), j - 1, costate, by_events)
         return j - 1, *lax.cond(j > 0, go, lambda: (costate, by_events))
 
@@ -75,6 +62,16 @@ def pull_back(
     if t1_perturbed:
         by_t1 = where_reached(motion, backward.cotangent.final @ system.flow(t1, motion.x, motion.mode))
     return total, psi, by_t0, by_t1
+
+
+def _through_segment(backward: BackwardPass, motion: Motion, j, t0, costate: Costate) -> Costate:
+    """Adjoint of segment j, which lies between events j - 1 and j."""
+    steps = backward.find_steps(motion, j)
+    costate = costate._replace(psi=steps.valid * costate.psi)  # nan where it was run again and came back different
+    costate = through_steps(backward, steps, segment_end(motion, j), costate)
+    by_parameters, by_state = pull_through(backward.system, backward.in_steps, motion, j, t0, costate.psi)
+    total = jax.tree.map(jnp.add, costate.total, pack(by_parameters))
+    return costate._replace(psi=costate.psi + by_state, total=total)
 
 
 def _zeros(tree: Any):

@@ -2,6 +2,7 @@
 dJ/dtheta need shorter ones."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
@@ -82,6 +83,8 @@ class BackwardPass(NamedTuple):
     cotangent: Observables
     """Derivatives of the cost by everything that is reported of the motion; its events are rows of the record."""
     ts: Float[Array, "sample"] | None
+    find_steps: Callable[[Motion, Int[Array, ""]], SegmentSteps]
+    """Gives the steps of a segment."""
 
     @property
     def step_parameters(self) -> Any:
