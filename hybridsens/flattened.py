@@ -162,7 +162,7 @@ class FlattenedSystem(AbstractFlatSystem):
         """Those that have not come, or were moved since."""
         return mode.expected
 
-    def watched(self, mode, x) -> WatchedMode:
+    def watched_mode(self, mode, x) -> WatchedMode:
         """The mode that a motion begins in; `choose` looks at its guards."""
         never = None if self.scheduled_count is None else jnp.full((), jnp.inf, x.dtype)
         expected = jnp.zeros(self.scheduled_count or 0, bool)

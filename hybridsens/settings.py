@@ -13,7 +13,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from .adjoint.methods import AbstractGradientMethod
-from .forward.solver import Method
+from .forward.solver import RunSettings
 from .status import Status
 from .validation.arguments import real_array, real_fraction, real_tolerance
 from .validation.asked import Asked, kind_of
@@ -136,10 +136,10 @@ def declared_jump_times(model: Any, jump_ts, dtype) -> Array | None:
     return times.astype(dtype)
 
 
-def horizon_status(t0, t1, ts, method: Method, capture_speed: float | Array = 0.0) -> Status:
+def horizon_status(t0, t1, ts, settings: RunSettings, capture_speed: float | Array = 0.0) -> Status:
     """Whether times and tolerances fit; what depends on the scene is looked at where the motion begins."""
     capture_speed = jnp.asarray(capture_speed)
-    fits = (jnp.asarray(method.rtol) > 0) & (method.atol > 0) & (capture_speed >= 0) & (capture_speed < 1)
+    fits = (jnp.asarray(settings.rtol) > 0) & (settings.atol > 0) & (capture_speed >= 0) & (capture_speed < 1)
     status = Status.where(fits, Status.running, Status.bad_tolerance)
     if ts is not None and ts.shape[0] > 0:
         sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)

@@ -13,7 +13,7 @@ from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .discontinuities import warn_of_system
 from .flattened import FlattenedSystem
-from .forward.solver import Method
+from .forward.solver import RunSettings
 from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
@@ -101,14 +101,14 @@ def solve(
             throw=throw,
         )
     )  # fmt: skip
-    numbers = given_numbers(rtol, atol, max_step, 0.0, dtype, (system, x0, t0, t1, ts))
+    rtol, atol, max_step, _ = given_numbers(rtol, atol, max_step, 0.0, dtype, (system, x0, t0, t1, ts))
     room = max_events, max_steps, segment_room(adjoint, ts)
-    method = Method(solver or diffrax.Tsit5(), numbers.rtol, numbers.atol, *room, numbers.max_step, adjoint.step_rtol)
+    settings = RunSettings(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
     if not adjoint.forward_mode:
         system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
     flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), *counts, mode)
     with waiting("compiling and simulating", progress):
-        solution = _solve(flat, x0, mode, (t0, t1, ts), method, adjoint, Shapes.of(cost))
+        solution = _solve(flat, x0, mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
     if throw == "nan":
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:
@@ -148,15 +148,15 @@ class Call(eqx.Module):
 
 
 @eqx.filter_jit
-def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, cost: Shapes) -> Solution:
+def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjoint, cost: Shapes) -> Solution:
     t0, t1, ts = horizon
     cost_rate = None if flat.running_cost is None else flat.cost_rate
     warn_of_system(flat.system, cost_rate, (t0, x0, mode), flat.jump_ts is not None)
     warn_of_transition(flat.system, t0, x0, mode)
     start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
-    if method.max_step is None:
+    if settings.max_step is None:
         flat.warn_of_sampled(t0, start)
-    options = Options(flat.watched(mode, start), horizon_status(t0, t1, ts, method), method)
+    options = Options(flat.watched_mode(mode, start), horizon_status(t0, t1, ts, settings), settings)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)
     final, samples, states = reported.observed
     x, z = flat.split(final)
