@@ -36,7 +36,7 @@ from hybridsens.estimation.descend import Callbacks, GuessFailed, Limits, descen
 from hybridsens.estimation.growing import Growing  # noqa: E402
 from hybridsens.estimation.iterate import BatchSize  # noqa: E402
 from hybridsens.estimation.least_squares import linearise  # noqa: E402
-from hybridsens.estimation.optimizers import method  # noqa: E402
+from hybridsens.estimation.optimizers import chosen_method  # noqa: E402
 from hybridsens.estimation.problem import Problem  # noqa: E402
 
 
@@ -49,7 +49,8 @@ class Found(NamedTuple):
 
 def ours(problem: Problem, strategy: GrowingHorizon | None) -> Found:
     """Levenberg-Marquardt as `fit` runs it, on any kind of problem."""
-    how, z = method("levenberg-marquardt"), problem.selection.from_values(problem.selection.values(problem.scene))
+    how = chosen_method("levenberg-marquardt")
+    z = problem.selection.from_values(problem.selection.values(problem.scene))
     how = how if strategy is None else Growing(how, strategy)
     found = descend(how, problem, z, Limits(100, 20), callbacks=Callbacks(batch_size=BatchSize()))
     tried = sum(line.number > 0 for line in found.history)

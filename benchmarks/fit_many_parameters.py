@@ -33,7 +33,7 @@ from hybridsens.estimation.descend import (  # noqa: E402
     descend,
 )
 from hybridsens.estimation.iterate import BatchSize  # noqa: E402
-from hybridsens.estimation.optimizers import method  # noqa: E402
+from hybridsens.estimation.optimizers import chosen_method  # noqa: E402
 from hybridsens.estimation.problem import Problem  # noqa: E402
 from hybridsens.scenes import ElasticStop  # noqa: E402
 from tests.problems.stop_record import TRUTH, positions  # noqa: E402
@@ -79,7 +79,7 @@ def problem(harmonics: int, seed: int) -> Problem:
 def by_gradients(problem: Problem) -> Found:
     """L-BFGS on the adjoint's gradient."""
     z = problem.selection.from_values(problem.selection.values(problem.scene))
-    done = descend(method("lbfgs"), problem, z, Limits(200, 30), callbacks=Callbacks(batch_size=BatchSize()))
+    done = descend(chosen_method("lbfgs"), problem, z, Limits(200, 30), callbacks=Callbacks(batch_size=BatchSize()))
     return Found(np.asarray(problem.selection.to_values(done.z)), len(done.history) - 1)
 
 

@@ -68,7 +68,7 @@ def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
 def _move(problem: Problem, options: Options) -> tuple[Reported, Record]:
     """Report and record. Of a batch on a CPU, where all its records would be large, only short ones are kept."""
     dynamic, static = eqx.partition((problem, options), eqx.is_array)
-    room = options.method.max_events
+    room = options.settings.max_events
     go = lambda dynamic: go_forward(*eqx.combine(dynamic, static))
 
     def element(dynamic):
@@ -91,9 +91,7 @@ def _move(problem: Problem, options: Options) -> tuple[Reported, Record]:
     return done.result, Record(done.kept, done.residuals)
 
 
-def _backward(
-    problem: Problem, options: Options, record: Record, cotangent: Reported, way: BackwardOptions
-) -> Problem:
+def _backward(problem: Problem, options: Options, record: Record, cotangent: Reported, way: BackwardOptions) -> Problem:
     """Cotangents of the problem from those of the report (None where nothing depends on an entry)."""
     return _from_record(go_back, (problem, options, way), record, cotangent.observed)
 

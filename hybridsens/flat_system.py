@@ -17,6 +17,9 @@ from .status import Status
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
 
+START, FLOW_JUMP = -1, -2
+"""Events that are no guard's: the motion begins, or its flow jumps at a jump time."""
+
 
 class Decision(eqx.Module):
     """What is decided at an event, before anything moves: all that is discrete about a transition."""
@@ -92,20 +95,20 @@ class AbstractFlatSystem(eqx.Module):
         """The discrete part of a transition: next mode and which law acts. Never differentiated."""
 
     def choose(self, event: Int[Array, ""], t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Decision:
-        """`decide`; where `event` is -1 the mode in which a motion from (t, x) begins, and where it is -2 the one in
-        which it goes on after a jump of the flow: by default the given one."""
-        begins = event < 0
+        """`decide`; at the `START` the mode in which a motion from (t, x) begins, and at a `FLOW_JUMP` the one in which
+        it goes on: by default the given one."""
+        stays = event < 0
         decision = self.decide(jnp.maximum(event, 0), t, x, mode)
         return Decision(
-            jax.tree.map(lambda old, new: jnp.where(begins, old, new), mode, decision.mode),
+            jax.tree.map(lambda old, new: jnp.where(stays, old, new), mode, decision.mode),
             decision.kind,
             decision.detail,
-            jnp.where(begins, False, decision.grazing),
-            Status.where(begins, Status.running, decision.status),
-            jnp.where(begins, jnp.inf, decision.first_step_bound),
+            jnp.where(stays, False, decision.grazing),
+            Status.where(stays, Status.running, decision.status),
+            jnp.where(stays, jnp.inf, decision.first_step_bound),
             decision.at_once,
             decision.silent,
-            jnp.where(begins, False, decision.order_matters),
+            jnp.where(stays, False, decision.order_matters),
         )
 
     @abc.abstractmethod

@@ -11,11 +11,11 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from .delays import overflowed
-from .flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
+from .flat_system import START, AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .numerics.shapes import Shapes
 from .numerics.tolerances import closeness, jump_window
-from .search.stretches import gap_kinds, search_guards, warn_of_sampled
+from .search.gap_search import gap_kinds, search_guards, warn_of_sampled
 from .status import Status
 from .system import AbstractHybridSystem
 from .system_checks import as_written
@@ -65,7 +65,7 @@ class FlattenedSystem(AbstractFlatSystem):
     guard_count: int = eqx.field(static=True)
     scheduled_count: int | None = eqx.field(static=True)
     """How many scheduled times there are; None where the system does not speak of any."""
-    mode_like: Any
+    first_mode: Any
     """The mode in which the motion begins."""
 
     def split(self, vector):
@@ -98,11 +98,11 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def warn_of_sampled(self, t, x):
         """Say which guards are only sampled inside a step."""
-        warn_of_sampled("Guards", lambda t, x: self._values(t, x, self.mode_like), t, x)
+        warn_of_sampled("Guards", lambda t, x: self._values(t, x, self.first_mode), t, x)
 
     def searches(self, t, x):
         """Whether a guard is curved: what is affine in (t, x) cannot dip unseen. Told from the trace of the guards."""
-        return bool((gap_kinds(lambda t, x: self._values(t, x, self.mode_like), t, x)[0] >= Kind.CURVED).any())
+        return bool((gap_kinds(lambda t, x: self._values(t, x, self.first_mode), t, x)[0] >= Kind.CURVED).any())
 
     def search(self, step: StepEnds, mode: WatchedMode, tolerance, wanted) -> Searched:
         """Guards along the cubic through the ends of the step, and within what it may be off."""
@@ -114,7 +114,7 @@ class FlattenedSystem(AbstractFlatSystem):
 
         def begin():
             shown = self._show(t, x, mode)
-            starts = event == -1
+            starts = event == START
             watch = mode.watch.begin(t, shown.guards, starts)
             expected = jnp.where(starts, shown.times >= t, mode.expected)
             moves = ~starts & self._moves_by_itself(t, x, mode)
@@ -162,7 +162,7 @@ class FlattenedSystem(AbstractFlatSystem):
         """Those that have not come, or were moved since."""
         return mode.expected
 
-    def watched(self, mode, x) -> WatchedMode:
+    def watched_mode(self, mode, x) -> WatchedMode:
         """The mode that a motion begins in; `choose` looks at its guards."""
         never = None if self.scheduled_count is None else jnp.full((), jnp.inf, x.dtype)
         expected = jnp.zeros(self.scheduled_count or 0, bool)

@@ -19,7 +19,7 @@ from .flat_system import AbstractFlatSystem, Mode
 from .forward.record import Motion, empty_motion
 from .forward.sampling import sample_states
 from .forward.segment_loop import run_segments
-from .forward.solver import TERM, FlowSize, Method, flow_size
+from .forward.solver import TERM, FlowSize, RunSettings, flow_size
 from .numerics.batch_axes import batch_in_front
 from .observables import Observables, filled
 from .reported import in_rows_recorded, report
@@ -43,24 +43,22 @@ class Options(NamedTuple):
     """The mode to begin in; what a system that chooses its own is given to choose from."""
     status: Status
     """`Status.running`, or why the motion must not start."""
-    method: Method
+    settings: RunSettings
 
 
 class BackwardOptions(NamedTuple):
     """How to go back: by which method, and whether the ends of the horizon are differentiated by."""
 
     adjoint: AbstractGradientMethod
-    by_t0: bool
-    by_t1: bool
+    t0_perturbed: bool
+    t1_perturbed: bool
 
 
-def _go(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
+@eqx.filter_jit  # in a batch it is traced for an element and for its way back: looked up then
+def go_forward(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
     """A motion and its samples."""
-    motion = _run(problem, options)
+    motion = _forward_pass(problem, options)
     return motion, _samples(problem, options, motion)
-
-
-go_forward = eqx.filter_jit(_go)  # in a batch it is traced for an element and for its way back: looked up then
 
 
 def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: Problem) -> Observables:
@@ -69,7 +67,7 @@ def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: 
 
     def observed(problem):
         followed = _follow(problem, options, motion)
-        return report(followed, _samples(problem, options, followed), options.method.max_events).observed
+        return report(followed, _samples(problem, options, followed), options.settings.max_events).observed
 
     return eqx.filter_jvp(observed, (problem,), (d_problem,))[1]
 
@@ -77,7 +75,7 @@ def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: 
 def _samples(problem: Problem, options: Options, motion: Motion):
     if problem.ts is None:
         return None
-    solver = options.method.replay_solver(_flow_size(problem, options))
+    solver = options.settings.replay_solver(_flow_size(problem, options))
     samples = sample_states(problem.system, solver, motion, problem.ts, forward_mode=True)  # `_sample_vjp` goes back
     return jnp.where(_reached(problem.ts, motion), samples, jnp.nan)
 
@@ -92,49 +90,53 @@ def go_back(
 ) -> Problem:
     """Cotangents of the problem from those of what is reported of its motion."""
     motion = _follow(problem, options, motion)  # forward over reverse
-    system, method = problem.system, options.method
-    replay = method.replay_solver(_flow_size(problem, options))
-    final, of_samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
-    if of_samples is not None:
-        ts, of_samples = problem.ts, jnp.where(_reached(problem.ts, motion), of_samples, 0)
-    of_rows = Observables(final, of_samples, in_rows_recorded(motion, method.max_events, cotangent.events))
-    controlled = method.derivative_rtol != math.inf
-    control = _control(method, replay)
+    backward = _backward_pass(problem, options, way.adjoint, motion, cotangent)
+    perturbed_ends = way.t0_perturbed, way.t1_perturbed
+    cotangents = pull_back(backward, motion, (problem.t0, problem.x0), problem.t1, perturbed_ends)
+    by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
+    return Problem(*cotangents, by_ts)
+
+
+def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, cotangent: Observables) -> BackwardPass:
+    """What the backward pass is made from. Samples that the motion has not come to have no cotangents."""
+    settings, system = options.settings, problem.system
+    replay = settings.replay_solver(_flow_size(problem, options))
+    final, samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
+    if samples is not None:
+        ts, samples = problem.ts, jnp.where(_reached(problem.ts, motion), samples, 0)
+    by_rows = Observables(final, samples, in_rows_recorded(motion, settings.max_events, cotangent.events))
+    controlled = settings.derivative_rtol != math.inf
+    control = _control(settings, replay)
     inside = in_steps(system, options.mode, problem.t1, motion.x)
-    backward = BackwardPass(system, inside, way.adjoint, replay, controlled, control, of_rows, ts)
-    start = (problem.t0, problem.x0)
     find_steps = recorded_steps
-    if method.segment_steps is not None:
-        stepper = method.stepper(_flow_size(problem, options))
-        find_steps = partial(recomputed_steps, problem.system, stepper, start, problem.t1)
-    gradient = pull_back(backward, find_steps, motion, start, problem.t1, (way.by_t0, way.by_t1))
-    ts_bar = None if ts is None else _by_sample_times(problem, replay, motion, of_samples)
-    return Problem(gradient.system, gradient.x0, gradient.t0, gradient.t1, ts_bar)
+    if settings.segment_steps is not None:
+        stepper = settings.stepper(_flow_size(problem, options))
+        find_steps = partial(recomputed_steps, system, stepper, (problem.t0, problem.x0), problem.t1)
+    return BackwardPass(system, inside, adjoint, replay, controlled, control, by_rows, ts, find_steps)
 
 
-def _control(method: Method, solver) -> DerivativeControl:
+def _control(settings: RunSettings, solver) -> DerivativeControl:
     """What a derivative may be off by in a step.
 
     Ordinary steps leave about a hundred times the motion's tolerance by the embedded estimate, which is of lower order
     than they are. At rough tolerances the estimate is no longer as pessimistic."""
-    rtol = method.derivative_rtol
+    rtol = settings.derivative_rtol
     if rtol is None:
-        rtol = jnp.minimum(100 * method.rtol, jnp.maximum(1e-5, method.rtol))
-    return DerivativeControl(rtol, method.atol / method.rtol, control_order(solver, TERM), 4 * method.max_steps)
+        rtol = jnp.minimum(100 * settings.rtol, jnp.maximum(1e-5, settings.rtol))
+    return DerivativeControl(rtol, settings.atol / settings.rtol, control_order(solver, TERM), 4 * settings.max_steps)
 
 
-def _by_sample_times(problem: Problem, solver, motion: Motion, cotangent):
+def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):
     """Cotangents of the times asked for: a later sample lies further along the flow."""
-    sample = lambda ts: sample_states(problem.system, solver, motion, ts)
-    return jax.vjp(sample, problem.ts)[1](cotangent)[0]
+    sample = lambda ts: sample_states(problem.system, backward.solver, motion, ts)
+    return jax.vjp(sample, problem.ts)[1](backward.cotangent.samples)[0]
 
 
-def _run(problem: Problem, options: Options) -> Motion:
-    """The forward pass."""
+def _forward_pass(problem: Problem, options: Options) -> Motion:
     system, x0, t0, t1, _ = problem
-    stepper = options.method.stepper(_flow_size(problem, options))
-    method = options.method
-    room = method.max_events, method.max_steps if method.segment_steps is None else 0
+    stepper = options.settings.stepper(_flow_size(problem, options))
+    settings = options.settings
+    room = settings.max_events, settings.max_steps if settings.segment_steps is None else 0
     motion = empty_motion(system, t0, x0, options.mode, *room, options.status)
     return run_segments(system, stepper, t1, motion)
 
@@ -149,7 +151,7 @@ def _follow(problem: Problem, options: Options, motion: Motion) -> Motion:
 @_follow.def_jvp
 def _follow_jvp(primals, tangents):
     problem, options, motion = primals
-    if options.method.segment_steps is not None:
+    if options.settings.segment_steps is not None:
         raise NotImplementedError(
             "Forward mode and second derivatives need recorded steps, which Replay(recompute=True) does not keep: use "
             "Replay() or ForwardSensitivities()."
@@ -158,8 +160,8 @@ def _follow_jvp(primals, tangents):
     d_problem = tangents[0]
     d_system = filled(eqx.filter(problem.system, eqx.is_inexact_array), d_problem.system)
     d_ends = tuple(filled(p, d) for p, d in zip(problem[1:4], d_problem[1:4], strict=True))
-    solver = options.method.replay_solver(_flow_size(problem, options))
-    forward = ForwardPass(problem.system, d_system, solver, _control(options.method, solver))
+    solver = options.settings.replay_solver(_flow_size(problem, options))
+    forward = ForwardPass(problem.system, d_system, solver, _control(options.settings, solver))
     motion, d = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
     moved = lambda m: (m.t, m.x, m.steps.t, m.steps.x, m.events.states)

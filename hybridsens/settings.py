@@ -13,7 +13,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from .adjoint.methods import AbstractGradientMethod
-from .forward.solver import Method
+from .forward.solver import RunSettings
 from .status import Status
 from .validation.arguments import real_array, real_fraction, real_tolerance
 from .validation.asked import Asked, kind_of
@@ -105,17 +105,17 @@ class Numbers(NamedTuple):
     max_step: Any
     capture_speed: Any
 
-    def as_arrays(self, dtype) -> "Numbers":
-        return jax.tree.map(lambda x: x if isinstance(x, jax.Array) else np.asarray(x, dtype), self)
 
-
-def given_numbers(rtol, atol, max_step, capture_speed, dtype) -> Numbers:
+def given_numbers(rtol, atol, max_step, capture_speed, dtype, arguments) -> Numbers:
+    """The settings that are numbers; `arguments` of the motion tell whether a program is being compiled."""
     rtol, atol = _tolerances(real_tolerance("rtol", rtol), real_tolerance("atol", atol), dtype)
     max_step = None if max_step is None else real_tolerance("max_step", max_step)
     numbers = Numbers(rtol, atol, max_step, real_fraction("capture_speed", capture_speed))
     arrays, known = eqx.partition(numbers, lambda x: isinstance(x, jax.Array))
     if jax.tree.leaves(arrays):
         arrays = jax.tree.map(lambda x: x.astype(dtype), not_differentiable(arrays))
+    if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
+        known = jax.tree.map(lambda x: np.asarray(x, dtype), known)
     return eqx.combine(arrays, known)
 
 
@@ -136,10 +136,10 @@ def declared_jump_times(model: Any, jump_ts, dtype) -> Array | None:
     return times.astype(dtype)
 
 
-def horizon_status(t0, t1, ts, method: Method, capture_speed: float | Array = 0.0) -> Status:
+def horizon_status(t0, t1, ts, settings: RunSettings, capture_speed: float | Array = 0.0) -> Status:
     """Whether times and tolerances fit; what depends on the scene is looked at where the motion begins."""
     capture_speed = jnp.asarray(capture_speed)
-    fits = (jnp.asarray(method.rtol) > 0) & (method.atol > 0) & (capture_speed >= 0) & (capture_speed < 1)
+    fits = (jnp.asarray(settings.rtol) > 0) & (settings.atol > 0) & (capture_speed >= 0) & (capture_speed < 1)
     status = Status.where(fits, Status.running, Status.bad_tolerance)
     if ts is not None and ts.shape[0] > 0:
         sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)
@@ -172,8 +172,6 @@ def check_settings(max_events, max_steps, solver, adjoint, throw):
             f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), but is {kind_of(solver)}."
         )
     if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
-        raise TypeError(
-            f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {kind_of(adjoint)}."
-        )
+        raise TypeError(f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {kind_of(adjoint)}.")
     if not isinstance(throw, bool) and not (isinstance(throw, str) and throw == "nan"):
         raise TypeError(f'`throw` must be True, False or "nan", but is {throw!r}.')

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
-from .forward.solver import Method
+from .forward.solver import RunSettings
 from .mechanics.checks import check_kinds, check_room, check_shapes
 from .mechanics.event_table import shown_by_values
 from .mechanics.mass import with_known_mass
@@ -116,11 +116,11 @@ def simulate(
     scene = told_of_constants(scene)
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
     check_settings(max_events, max_steps, solver, adjoint, throw)
-    compiling = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((scene, state, t0, t1, ts)))
     if capture_speed is None:
         capture_speed = default_capture_speed(state.q.dtype)
-    numbers = given_numbers(rtol, atol, max_step, capture_speed, state.q.dtype)
-    numbers = numbers if compiling else numbers.as_arrays(state.q.dtype)
+    rtol, atol, max_step, capture_speed = given_numbers(
+        rtol, atol, max_step, capture_speed, state.q.dtype, (scene, state, t0, t1, ts)
+    )
     check_mesh(scene, running_cost, state, t0, t1, ts)
     jump_ts = declared_jump_times(scene, jump_ts, state.q.dtype)
     mode = mode_as_arrays(mode)
@@ -128,15 +128,15 @@ def simulate(
     adjoint = adjoint or Replay()
     room = max_events, max_steps, segment_room(adjoint, ts)
     check_room(max_events, room[2] or max_steps, state)
-    method = Method(solver or diffrax.Tsit5(), numbers.rtol, numbers.atol, *room, numbers.max_step, adjoint.step_rtol)
-    fixed = (numbers.capture_speed, numbers.rtol, numbers.atol)
+    settings = RunSettings(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
+    fixed = (capture_speed, rtol, atol)
     cut, *depth = (x if isinstance(x, float) else Fixed.of(x, state.q.dtype) for x in fixed)
     contacts = MechanicalSystem(scene, running_cost, cut, state.q.shape[0], (depth[0], depth[1]), jump_ts)
     system = contacts if switching is None else SwitchedSystem(contacts, *switching, mode)
     if not adjoint.forward_mode:
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
     with waiting("compiling and simulating", progress):
-        trajectory = _simulate(system, state, t0, t1, ts, method, adjoint)
+        trajectory = _simulate(system, state, t0, t1, ts, settings, adjoint)
     if throw == "nan":
         trajectory = nan_unless_reached(trajectory, (system, state, t0, t1, ts))
     elif throw:
@@ -166,22 +166,22 @@ def _prepared(scene: AbstractScene, running_cost, t0, state: State, mode):
 
 @eqx.filter_jit
 def _simulate(
-    system: MechanicalSystem | SwitchedSystem, state: State, t0, t1, ts, method: Method, adjoint
+    system: MechanicalSystem | SwitchedSystem, state: State, t0, t1, ts, settings: RunSettings, adjoint
 ) -> Trajectory:
     contacts = system.contacts if isinstance(system, SwitchedSystem) else system
-    if method.max_step is None:
+    if settings.max_step is None:
         system.warn_of_sampled(t0, jnp.concatenate([state.q, state.v]))
     declared = contacts.jump_ts is not None
     warn_of_discontinuities(contacts.scene, t0, state.q, state.v, contacts.running_cost, declared)
     if isinstance(system, SwitchedSystem):
-        warn_of_switch(system.rules, contacts.scene, t0, state.q, state.v, system.mode_like)
+        warn_of_switch(system.rules, contacts.scene, t0, state.q, state.v, system.first_mode)
     contacts = dataclasses.replace(contacts, scene=with_known_mass(contacts.scene, state.q))
     cost = Shapes.of(jax.eval_shape(lambda: contacts.cost_rate(t0, state.q, state.v)))
     x0 = jnp.concatenate([state.q, state.v, jnp.zeros(cost.size, state.q.dtype)])
     mode = open_mode(jax.eval_shape(contacts.scene.gap, t0, state.q).shape[0], state.q.dtype)
     system, mode = system.begin(contacts, mode, x0) if isinstance(system, SwitchedSystem) else (contacts, mode)
-    status = horizon_status(t0, t1, ts, method, number(contacts.capture_speed))
-    options = Options(mode, status, method)
+    status = horizon_status(t0, t1, ts, settings, number(contacts.capture_speed))
+    options = Options(mode, status, settings)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
     return _trajectory(contacts, ts, reported, cost)
 
@@ -198,9 +198,7 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) 
     kind = jnp.where(happened, reported.kind, -1)
     impulse, closing_speed = states.emitted
     order_matters = happened & reported.order_matters
-    events = Events(
-        states.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes
-    )
+    events = Events(states.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes)
     sampled = (None, None) if samples is None else system.split(samples)[:2]
     return Trajectory(
         ts, *sampled, State(q, v), cost.restore(z), events, closed, reported.status,

@@ -6,7 +6,6 @@ from typing import Any, Literal
 import diffrax
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -14,7 +13,7 @@ from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .discontinuities import warn_of_system
 from .flattened import FlattenedSystem
-from .forward.solver import Method
+from .forward.solver import RunSettings
 from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
@@ -95,22 +94,21 @@ def solve(
     counts, cost = check_system(system, running_cost, t0, x0, mode)
     system, running_cost = in_type(lifted(system, running_cost, t0, x0, mode), dtype)
     adjoint = adjoint or Replay()
-    again = Again.of(
+    again = Call.of(
         dict(
             system=system, x0=x0, mode=mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
             rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step, adjoint=adjoint,
             throw=throw,
         )
     )  # fmt: skip
-    numbers = _numbers((rtol, atol, max_step), (system, x0, t0, t1, ts), dtype)
-    rtol, atol, max_step = numbers
+    rtol, atol, max_step, _ = given_numbers(rtol, atol, max_step, 0.0, dtype, (system, x0, t0, t1, ts))
     room = max_events, max_steps, segment_room(adjoint, ts)
-    method = Method(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
+    settings = RunSettings(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
     if not adjoint.forward_mode:
         system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
     flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), *counts, mode)
     with waiting("compiling and simulating", progress):
-        solution = _solve(flat, x0, mode, (t0, t1, ts), method, adjoint, Shapes.of(cost))
+        solution = _solve(flat, x0, mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
     if throw == "nan":
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:
@@ -119,7 +117,7 @@ def solve(
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 
 
-class Again(eqx.Module):
+class Call(eqx.Module):
     """A call of `solve` with all arguments but `ts`."""
 
     arrays: tuple
@@ -127,7 +125,7 @@ class Again(eqx.Module):
     tree: Any = eqx.field(static=True)
 
     @classmethod
-    def of(cls, given: dict) -> "Again":
+    def of(cls, given: dict) -> "Call":
         leaves, tree = jax.tree.flatten(given, is_leaf=lambda leaf: leaf is None)
         arrays = tuple(leaf if eqx.is_array(leaf) else None for leaf in leaves)
         return cls(arrays, tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves), tree)
@@ -149,25 +147,16 @@ class Again(eqx.Module):
         return self.tree.unflatten(leaves)
 
 
-def _numbers(settings, given, dtype):
-    """Tolerances and the longest step: constants of a program that is being compiled, arrays of one that is called."""
-    rtol, atol, max_step = settings
-    numbers = given_numbers(rtol, atol, max_step, 0.0, dtype)
-    compiling = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(given))
-    numbers = numbers if compiling else numbers.as_arrays(dtype)
-    return numbers.rtol, numbers.atol, numbers.max_step
-
-
 @eqx.filter_jit
-def _solve(flat: FlattenedSystem, x0, mode, horizon, method: Method, adjoint, cost: Shapes) -> Solution:
+def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjoint, cost: Shapes) -> Solution:
     t0, t1, ts = horizon
     cost_rate = None if flat.running_cost is None else flat.cost_rate
     warn_of_system(flat.system, cost_rate, (t0, x0, mode), flat.jump_ts is not None)
     warn_of_transition(flat.system, t0, x0, mode)
     start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
-    if method.max_step is None:
+    if settings.max_step is None:
         flat.warn_of_sampled(t0, start)
-    options = Options(flat.watched(mode, start), horizon_status(t0, t1, ts, method), method)
+    options = Options(flat.watched_mode(mode, start), horizon_status(t0, t1, ts, settings), settings)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)
     final, samples, states = reported.observed
     x, z = flat.split(final)

@@ -8,7 +8,7 @@ import pytest
 import hybridsens as hs
 from hybridsens.differentiable import differentiable_motion
 from hybridsens.flat_system import AbstractFlatSystem, Decision
-from hybridsens.forward.solver import Method
+from hybridsens.forward.solver import RunSettings
 from hybridsens.passes import Options, Problem
 from tests.closeness import assert_close
 
@@ -61,9 +61,9 @@ class SwitchedOscillator(AbstractFlatSystem):
 
 
 def run(system, x0, mode, t1, adjoint):
-    method = Method(diffrax.Tsit5(), 1e-12, 1e-12, 8, 2000)
+    settings = RunSettings(diffrax.Tsit5(), 1e-12, 1e-12, 8, 2000)
     inputs = Problem(system, x0, jnp.array(0.0), jnp.asarray(t1), None)
-    return differentiable_motion(inputs, Options(jnp.array(mode), hs.Status.running, method), adjoint)
+    return differentiable_motion(inputs, Options(jnp.array(mode), hs.Status.running, settings), adjoint)
 
 
 def jacobian(function, adjoint):

@@ -7,7 +7,7 @@ import pytest
 
 from hybridsens import planar
 from hybridsens.interval.kind import Kind
-from hybridsens.search.stretches import gap_kinds
+from hybridsens.search.gap_search import gap_kinds
 
 SQUARE = jnp.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 RADIUS = 0.3

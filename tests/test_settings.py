@@ -62,4 +62,4 @@ def test_a_traced_tolerance_is_raised_to_what_single_precision_can_do():
 
 def test_only_single_precision_is_sent_to_double():
     with pytest.warns(UserWarning, match="beyond float64 and are raised to it.$"):
-        given_numbers(1e-20, 1e-8, None, 0.0, jnp.dtype("float64"))
+        given_numbers(1e-20, 1e-8, None, 0.0, jnp.dtype("float64"), ())

@@ -1,13 +1,12 @@
 """The backward pass: from the end of a motion to its start, through every jump and every recorded step."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from ..forward.record import Event, Motion, recorded_event, segment, segment_end, where_reached
 from ..observables import filled
@@ -15,46 +14,25 @@ from ..xla.packed import pack
 from .control import FORESEEN
 from .jump import Jump, pull_jump_back
 from .no_length import pull_through
-from .steps_back import BackwardPass, Costate, Steps, through_steps
-
-
-class Gradient(NamedTuple):
-    """Derivatives of the cost by everything that a motion is made from."""
-
-    system: Any
-    x0: Float[Array, "state"]
-    t0: Float[Array, ""]
-    t1: Float[Array, ""]
+from .steps_back import BackwardPass, Costate, through_steps
 
 
 def pull_back(
-    backward: BackwardPass,
-    find_steps: Callable[[Motion, Array], Steps],
-    motion: Motion,
-    initial,
-    t1,
-    moving_ends: tuple[bool, bool],
-) -> Gradient:
-    """Gradient of a cost.
+    backward: BackwardPass, motion: Motion, initial, t1, perturbed_ends: tuple[bool, bool]
+) -> tuple[Any, Array, Array, Array]:
+    """Derivatives of a cost by the system, x0, t0 and t1.
 
     Between events psi is carried back over the recorded steps, psi' = -f_x^T psi, at data times psi- = psi+ + c_x
-    (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `find_steps` gives a segment's steps,
-    `initial` is (t0, x0); `moving_ends` says whether t0 and t1 are differentiated by.
+    (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `initial` is (t0, x0); `perturbed_ends`
+    says whether t0 and t1 are differentiated by.
     """
     system = backward.system
-    by_t0, by_t1 = moving_ends
+    t0_perturbed, t1_perturbed = perturbed_ends
     start = _costate_at_end(backward, motion)
 
     def one_segment(carry):
-        # Segment j lies between events j - 1 and j. `valid` is nan where a segment that was run again came back
-        # different.
         j, costate, by_events = carry
-        steps = find_steps(motion, j)
-        costate = costate._replace(psi=steps.valid * costate.psi)
-        costate = through_steps(backward, steps, segment_end(motion, j), costate)
-        by_parameters, by_state = pull_through(system, backward.in_steps, motion, j, initial[0], costate.psi)
-        total = jax.tree.map(jnp.add, costate.total, pack(by_parameters))
-        costate = costate._replace(psi=costate.psi + by_state, total=total)
+        costate = _through_segment(backward, motion, j, initial[0], costate)
         go = lambda: _through_event(backward, recorded_event(motion, j - 1), j - 1, costate, by_events)
         return j - 1, *lax.cond(j > 0, go, lambda: (costate, by_events))
 
@@ -78,12 +56,22 @@ def pull_back(
     # Out of tries the gradient is not finished: a wrong one must not pass.
     nan_if_unfinished = jnp.where(costate.tries < backward.control.most_tries, 0, jnp.nan)
     or_nan = lambda tree: jax.tree.map(lambda leaf: leaf + nan_if_unfinished.astype(leaf.dtype), tree)
-    carried = Carried(_added(or_nan(by_events).unpack(), or_nan(costate.total).unpack()), or_nan(costate.psi))
-    total, psi, of_t0 = _through_start(backward, motion, initial, carried, by_t0)
-    of_t1 = jnp.zeros_like(t1)
-    if by_t1:
-        of_t1 = where_reached(motion, backward.cotangent.final @ system.flow(t1, motion.x, motion.mode))
-    return Gradient(total, psi, of_t0, of_t1)
+    total, psi = _added(or_nan(by_events).unpack(), or_nan(costate.total).unpack()), or_nan(costate.psi)
+    total, psi, by_t0 = _through_start(backward, motion, initial, total, psi, t0_perturbed)
+    by_t1 = jnp.zeros_like(t1)
+    if t1_perturbed:
+        by_t1 = where_reached(motion, backward.cotangent.final @ system.flow(t1, motion.x, motion.mode))
+    return total, psi, by_t0, by_t1
+
+
+def _through_segment(backward: BackwardPass, motion: Motion, j, t0, costate: Costate) -> Costate:
+    """Adjoint of segment j, which lies between events j - 1 and j."""
+    steps = backward.find_steps(motion, j)
+    costate = costate._replace(psi=steps.valid * costate.psi)  # nan where it was run again and came back different
+    costate = through_steps(backward, steps, segment_end(motion, j), costate)
+    by_parameters, by_state = pull_through(backward.system, backward.in_steps, motion, j, t0, costate.psi)
+    total = jax.tree.map(jnp.add, costate.total, pack(by_parameters))
+    return costate._replace(psi=costate.psi + by_state, total=total)
 
 
 def _zeros(tree: Any):
@@ -108,14 +96,6 @@ def _costate_at_end(backward: BackwardPass, motion: Motion) -> Costate:
     )  # fmt: skip
 
 
-class Carried(NamedTuple):
-    """What has been carried back to the beginning."""
-
-    total: Any
-    """dJ/dtheta so far."""
-    psi: Float[Array, "state"]
-
-
 def _added(by_events: Any, by_steps: Any) -> Any:
     """What events and steps add to dJ/dtheta; a parameter that is in no step is None there."""
     return jax.tree.map(
@@ -124,20 +104,20 @@ def _added(by_events: Any, by_steps: Any) -> Any:
     )  # fmt: skip
 
 
-def _through_start(backward: BackwardPass, motion: Motion, initial, carried: Carried, by_t0: bool):
+def _through_start(backward: BackwardPass, motion: Motion, initial, total, psi, t0_perturbed: bool):
     """Adjoint of the beginning, which puts (t0, x0) on the constraints of the mode chosen there: derivatives by the
-    system, by x0 and by t0."""
+    system, by x0 and by t0, from dJ/dtheta and psi after it."""
     (t0, x0), (mode, _, _), system = initial, segment(motion, 0), backward.system
-    total, psi, of_t0 = *carried, jnp.zeros_like(t0)
+    by_t0 = jnp.zeros_like(t0)
     begin = lambda system, t, x: system.project(t, x, mode)
-    begun, of_begin = eqx.filter_vjp(begin, system, t0, x0) if system.projects(mode) else (x0, None)
-    if by_t0:
+    begun, pull_begin = eqx.filter_vjp(begin, system, t0, x0) if system.projects(mode) else (x0, None)
+    if t0_perturbed:
         # From the state at the beginning: the first one recorded is that after an event at t0.
-        of_t0 = jnp.where(motion.t > t0, -psi @ system.flow(t0, begun, mode), 0)  # 0 if it never began
-    if of_begin is not None:
-        by_projection, by_t, psi = of_begin(psi)
-        total, of_t0 = jax.tree.map(jnp.add, total, by_projection), of_t0 + by_t
-    return total, psi, of_t0
+        by_t0 = jnp.where(motion.t > t0, -psi @ system.flow(t0, begun, mode), 0)  # 0 if it never began
+    if pull_begin is not None:
+        by_projection, by_t, psi = pull_begin(psi)
+        total, by_t0 = jax.tree.map(jnp.add, total, by_projection), by_t0 + by_t
+    return total, psi, by_t0
 
 
 def _through_event(backward: BackwardPass, event: Event, j, costate: Costate, by_events):

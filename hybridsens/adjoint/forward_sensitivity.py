@@ -99,12 +99,12 @@ def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> t
     def one_segment(carry):
         j, dx, dt, taken, ends, tangent, peak, tries = carry
         at = Place(jnp.array(0), t0, motion.x, dx, t0, taken, tangent.steps_x, peak, tries)
-        _, _, _, dx, _, taken, steps_x, peak, tries = _through_steps(forward, motion, j, at)
-        tangent = tangent._replace(steps_x=steps_x)
-        dx = dx + push_through(system, d_system, motion, j, t0, dx)
-        dx, dt, taken, tangent = _through_event(forward, motion, j, (dx, dt), taken, tangent)
+        at = _through_steps(forward, motion, j, at)
+        tangent = tangent._replace(steps_x=at.steps_x)
+        dx = at.dx + push_through(system, d_system, motion, j, t0, at.dx)
+        dx, dt, taken, tangent = _through_event(forward, motion, j, (dx, dt), at.steps, tangent)
         ends = write(ends, jnp.where(j < events.count, taken.count, 0), jnp.minimum(j, ends.shape[0] - 1))
-        return j + 1, dx, dt, taken, ends, tangent, peak, tries
+        return j + 1, dx, dt, taken, ends, tangent, at.peak, at.tries
 
     peak = forward.control.of_direction(eqx.filter(system, eqx.is_inexact_array), d_system, x0, dx0).astype(t0.dtype)
     carry = (jnp.array(0), dx, dt0, taken, zeros(events.steps), tangent, peak, jnp.array(0))

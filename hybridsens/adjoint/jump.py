@@ -98,8 +98,8 @@ def pull_jump_back(
 
     `by_dt_after` is what events that came at once after it hand on."""
     t, x, flows = event.states.time, event.states.before, flows_at(system, event)
-    h, of_guard = eqx.filter_vjp(lambda system, t, x: fallen_guard(system, event, t, x), system, t, x)
-    h_theta, h_t, h_x = of_guard(jnp.ones_like(h))
+    h, pull_guard = eqx.filter_vjp(lambda system, t, x: fallen_guard(system, event, t, x), system, t, x)
+    h_theta, h_t, h_x = pull_guard(jnp.ones_like(h))
     go = lambda system, x, dt: jump(system, event, flows, x, dt)
     by_theta, psi, by_dt = eqx.filter_vjp(go, system, x, jnp.zeros_like(t))[1](cotangent)
     by_dt = by_dt + by_dt_after

@@ -24,12 +24,12 @@ def exact_adjoint(step: RecordedStep, psi) -> StepBack:
 
     def carry_back(solver, pick):
         system = lambda p: pick(step.system(p))
-        x1, of_step = _differentiated(step, solver, system)
-        _, of_projection = jax.vjp(lambda p, x: system(p).project(t1, x, mode), step.parameters, x1)
-        by_projection, psi_1 = of_projection(psi)  # only what stays on the constraints matters, of the error too
+        x1, pull_step = _differentiated(step, solver, system)
+        _, pull_projection = jax.vjp(lambda p, x: system(p).project(t1, x, mode), step.parameters, x1)
+        by_projection, psi_1 = pull_projection(psi)  # only what stays on the constraints matters, of the error too
         zero = jnp.zeros_like(psi)
         ends = (jnp.stack([psi_1, zero]), jnp.stack([zero, psi_1])) if step.controlled else (psi_1[None], None)
-        total, psi_0 = of_step(*ends)
+        total, psi_0 = pull_step(*ends)
         errors = jax.tree.map(lambda of_ends: of_ends[1], (total, psi_0)) if step.controlled else (None, None)
         total = jax.tree.map(lambda by_step, by_end: by_step[0] + by_end, total, by_projection)
         return StepBack(total, psi_0[0], *errors)
@@ -44,11 +44,11 @@ def _differentiated(step: RecordedStep, solver, system):
         return differentiated_in_a_loop(step, solver, system)
     estimated = lambda p, x: step_with_error(solver, system(p), step.mode, step.t0, step.t1, x)
     if not step.controlled:
-        x1, of_state = jax.vjp(lambda p, x: estimated(p, x)[0], step.parameters, step.x0)
-        return x1, lambda of_x1, _: lax.map(of_state, of_x1)
-    (x1, _), of_step = jax.vjp(estimated, step.parameters, step.x0)
+        x1, pull_state = jax.vjp(lambda p, x: estimated(p, x)[0], step.parameters, step.x0)
+        return x1, lambda of_x1, _: lax.map(pull_state, of_x1)
+    (x1, _), pull_step = jax.vjp(estimated, step.parameters, step.x0)
     # One copy to compile; in turn, not side by side, products with vectors stay such: up to a third quicker.
-    return x1, lambda of_x1, of_error: lax.map(of_step, (of_x1, of_error))
+    return x1, lambda of_x1, of_error: lax.map(pull_step, (of_x1, of_error))
 
 
 def diffrax_adjoint(step: RecordedStep, psi, adjoint: diffrax.AbstractAdjoint) -> StepBack:
@@ -148,28 +148,28 @@ def differentiated_in_a_loop(step: RecordedStep, solver: ExplicitRungeKutta, sys
     points, x1 = solver.points(lambda c, x: flow(parameters, c, x), step.x0, h)
     a, b, e, c = _arrays(solver.tableau, step.x0.dtype)
 
-    def of_step(psi, epsilon):
+    def pull_step(psi, epsilon):
         # A last stage that only the error is made from is left out where that is not wanted.
         count = a.shape[0] if epsilon is not None else np.flatnonzero(b)[-1] + 1
-        of_stages = h * b[:, None] * psi[:, None]
+        by_stages = h * b[:, None] * psi[:, None]
         if epsilon is not None:
-            of_stages = of_stages + h * e[:, None] * epsilon[:, None]
+            by_stages = by_stages + h * e[:, None] * epsilon[:, None]
 
         def stage(carry, at):
-            of_stages, of_x0, total = carry
+            by_stages, by_x0, total = carry
             i, c_i, point, a_i = at
-            _, of_flow = jax.vjp(lambda p, x: flow(p, c_i, x), parameters, point)
+            _, pull_flow = jax.vjp(lambda p, x: flow(p, c_i, x), parameters, point)
             # One copy to compile; in turn, not side by side, products with vectors stay such.
-            by_parameters, of_point = lax.map(of_flow, of_stages[:, i])
-            of_stages = of_stages + h * a_i[:, None] * of_point[:, None]
-            return (of_stages, of_x0 + of_point, jax.tree.map(jnp.add, total, by_parameters)), None
+            by_parameters, by_point = lax.map(pull_flow, by_stages[:, i])
+            by_stages = by_stages + h * a_i[:, None] * by_point[:, None]
+            return (by_stages, by_x0 + by_point, jax.tree.map(jnp.add, total, by_parameters)), None
 
         nothing = jax.tree.map(lambda p: jnp.zeros((len(psi), *p.shape), p.dtype), parameters)
         stages = jnp.arange(count), *(jnp.asarray(rows[:count]) for rows in (c, points, a))
-        (_, of_x0, total), _ = lax.scan(stage, (of_stages, psi, nothing), stages, reverse=True)
-        return total, of_x0
+        (_, by_x0, total), _ = lax.scan(stage, (by_stages, psi, nothing), stages, reverse=True)
+        return total, by_x0
 
-    return x1, of_step
+    return x1, pull_step
 
 
 def _arrays(tableau: diffrax.ButcherTableau, dtype):

@@ -2,6 +2,7 @@
 dJ/dtheta need shorter ones."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
@@ -24,7 +25,7 @@ from .methods import AbstractGradientMethod
 from .step import RecordedStep, StepBack
 
 
-class Steps(NamedTuple):
+class SegmentSteps(NamedTuple):
     """The steps of one segment."""
 
     mode: Mode
@@ -37,15 +38,15 @@ class Steps(NamedTuple):
     """1, or nan where the steps are lost."""
 
 
-def recorded_steps(motion: Motion, j: Int[Array, ""]) -> Steps:
+def recorded_steps(motion: Motion, j: Int[Array, ""]) -> SegmentSteps:
     """Segment j of a motion whose steps were all recorded."""
     mode, first, last = segment(motion, j)
-    return Steps(mode, motion.steps, first, last, jnp.ones_like(motion.t))
+    return SegmentSteps(mode, motion.steps, first, last, jnp.ones_like(motion.t))
 
 
 def recomputed_steps(
     system: AbstractFlatSystem, stepper: Stepper, start, t1, motion: Motion, j: Int[Array, ""]
-) -> Steps:
+) -> SegmentSteps:
     """Segment j, run again from where its event left it, on to its next event.
 
     It takes the same steps but for rounding, by which another program differs: where a gap closes slowly, that may be
@@ -64,7 +65,7 @@ def recomputed_steps(
     end = segment_end(motion, j)
     off = jnp.finfo(t.dtype).eps ** 0.5 * jnp.maximum(jnp.abs(end), jnp.abs(t1 - start[0]))
     valid = jnp.where(jnp.abs(again.t - end) <= off, 1.0, jnp.nan).astype(t.dtype)
-    return Steps(mode, again.steps, jnp.zeros_like(first), again.steps.count, valid)
+    return SegmentSteps(mode, again.steps, jnp.zeros_like(first), again.steps.count, valid)
 
 
 class BackwardPass(NamedTuple):
@@ -73,7 +74,7 @@ class BackwardPass(NamedTuple):
     system: AbstractFlatSystem
     in_steps: Any
     """Which of its leaves are parameters that a step depends on."""
-    method: AbstractGradientMethod
+    adjoint: AbstractGradientMethod
     solver: diffrax.AbstractSolver
     """That of the motion, for steps that are differentiated."""
     controlled: bool
@@ -82,6 +83,8 @@ class BackwardPass(NamedTuple):
     cotangent: Observables
     """Derivatives of the cost by everything that is reported of the motion; its events are rows of the record."""
     ts: Float[Array, "sample"] | None
+    find_steps: Callable[[Motion, Int[Array, ""]], SegmentSteps]
+    """Gives the steps of a segment."""
 
     @property
     def step_parameters(self) -> Any:
@@ -110,7 +113,7 @@ class Costate(NamedTuple):
     data: Int[Array, ""]
     """How many data times lie before."""
     tries: Int[Array, ""]
-    """Steps tried."""
+    """SegmentSteps tried."""
 
 
 class Place(NamedTuple):
@@ -124,7 +127,7 @@ class Place(NamedTuple):
     """Longest step to try; inf for as long as the recorded one."""
 
 
-def through_steps(backward: BackwardPass, steps: Steps, end, costate: Costate) -> Costate:
+def through_steps(backward: BackwardPass, steps: SegmentSteps, end, costate: Costate) -> Costate:
     """Adjoint of the steps of one segment, from its end: each recorded step at once, or in as many as are needed.
 
     A turn of the loop tries one step."""
@@ -179,7 +182,7 @@ def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
     """One step back. What it adds to dJ/dtheta is packed, because the error control then works on few arrays."""
     parameters, static = eqx.partition(backward.system, backward.in_steps)
     step = RecordedStep(parameters, static, mode, t0, t1, x0, backward.solver, backward.controlled)
-    done = backward.method.carry_back(step, psi)
+    done = backward.adjoint.carry_back(step, psi)
     error = None if done.total_error is None else pack(done.total_error)
     return done._replace(total=pack(done.total), total_error=error)
 

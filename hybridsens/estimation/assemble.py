@@ -28,17 +28,17 @@ _EXACT = 1e-7
 
 
 def build_result(
-    how: Method | Growing, problem: Problem, data: Measurements, guess, descents: Sequence[Run],
+    method: Method | Growing, problem: Problem, data: Measurements, guess, descents: Sequence[Run],
     starts: Starts | None,
 ) -> FitResult:  # fmt: skip
     """The result of the last of these descents; the ones before it were stages."""
     last, selection = descents[-1], problem.selection
     values = np.asarray(selection.to_values(last.z))
-    minimised = by_parameters(how, problem, last.z)
+    minimised = by_parameters(method, problem, last.z)
     held = held_on_bound(problem, values, *minimised, data.sigmas_known)
     arrived = held.any() and last.stopped in UNFINISHED and others_at_minimum(values, *minimised, held)
     measured = data.values.size + data.event_times.size
-    squared = by_parameters(how, plain(problem), last.z) if np.isfinite(problem.robust) else minimised
+    squared = by_parameters(method, plain(problem), last.z) if np.isfinite(problem.robust) else minimised
     r, jacobian = (rows[:measured] for rows in squared)
     residuals, event_residuals = _in_units(r, data)
     trajectory, predictions = predict(problem, last.z)
@@ -92,7 +92,7 @@ _OF_ERROR, _OF_SIZE = 1e-2, 1e-6
 
 
 def by_parameters(
-    how: Method | Growing, problem: Problem, z
+    method: Method | Growing, problem: Problem, z
 ) -> tuple[Float[np.ndarray, "residual"], Float[np.ndarray, "residual parameter"]]:
     """Residuals and their derivative by the parameters p themselves, by the program that the iterations have compiled.
 
@@ -103,7 +103,7 @@ def by_parameters(
     scale = np.exp2(np.floor(np.log2(selection.scale)))
     lower, upper = np.full_like(selection.lower, -np.inf), np.full_like(selection.upper, np.inf)
     free = dataclasses.replace(selection, lower=lower, upper=upper, scale=scale)
-    r, jacobian = _linearised(how, dataclasses.replace(problem, selection=free), selection.to_values(z) / scale)
+    r, jacobian = _linearised(method, dataclasses.replace(problem, selection=free), selection.to_values(z) / scale)
     return np.asarray(r), np.asarray(jacobian) / scale
 
 
@@ -138,7 +138,7 @@ def others_at_minimum(values, r, jacobian, held: Bool[np.ndarray, "parameter"]) 
     return bool(at_minimum(short, slope, jnp.asarray(p / size), r.size))
 
 
-def _linearised(how: Method | Growing, problem: Problem, z) -> tuple[Array, Array]:
-    if not how.least_squares:
+def _linearised(method: Method | Growing, problem: Problem, z) -> tuple[Array, Array]:
+    if not method.least_squares:
         return linearise(problem, z)[:2]
-    return iterate(how, problem, how.begin(z, stages=False), 1, 1).linearised
+    return iterate(method, problem, method.begin(z, stages=False), 1, 1).linearised

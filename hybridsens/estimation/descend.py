@@ -13,11 +13,10 @@ from .growing import Growing
 from .iterate import BatchSize
 from .motions import KINDS, EventRows
 from .optimizers import Method
-from .outcome import Outcome
-from .problem import Trial
+from .problem import Outcome, Trial
 from .store import Store
 
-Sequence = tuple[tuple[str, int], ...]
+EventSequence = tuple[tuple[str, int], ...]
 """An event sequence: (kind, contact) of every event in the order of time."""
 
 WHOLE = "full"
@@ -58,7 +57,7 @@ class Callbacks(NamedTuple):
     """How many iterations pass between two looks; by default one."""
 
 
-def event_sequence(trial: Trial | EventRows) -> Sequence:
+def event_sequence(trial: Trial | EventRows) -> EventSequence:
     """Kinds and contacts of events."""
     happened = np.asarray(trial.kind) >= 0
     kinds, contacts = np.asarray(trial.kind)[happened].tolist(), np.asarray(trial.contact)[happened].tolist()
@@ -125,7 +124,7 @@ class History:
         if self.callbacks.store is not None:
             self.callbacks.store.write(self.z)
 
-    def _tell(self, outcome: Outcome, sequence: Sequence, changed: bool) -> str:
+    def _tell(self, outcome: Outcome, sequence: EventSequence, changed: bool) -> str:
         why = failure(outcome.trial) if bool(outcome.trial.failed) else ""
         line = Iteration(
             self.stage, self.number, float(outcome.loss), float(outcome.gradient_norm),
@@ -156,8 +155,8 @@ class Run(NamedTuple):
     """The best point."""
     loss: float
     history: list[Iteration]
-    start: Sequence
-    end: Sequence
+    start: EventSequence
+    end: EventSequence
     """Event sequences at the first and at the best point."""
     stopped: str
     """Why it ended: "converged", "stalled", "no improvement", "max_iterations", or by hand."""
@@ -171,13 +170,14 @@ class Run(NamedTuple):
 
 
 def descend(
-    method: Method | Growing, problem, z, limits: Limits, callbacks: Callbacks = Callbacks(), stages: bool = True  # noqa: B008
+    method: Method | Growing, problem, z, limits: Limits, callbacks: Callbacks | None = None, stages: bool = True
 ) -> Run:
     """Iterate until the optimizer converges or stalls, or something else ends it; the best point is kept throughout.
 
     Without `stages` the whole problem comes at once.
     Raises: GuessFailed if the first point cannot be evaluated.
     """
+    callbacks = callbacks or Callbacks()
     batch_size, history, stopped = callbacks.batch_size or BatchSize(1), History(z, callbacks), ""
     done = batch_size.run(method, problem, method.begin(z, stages=stages), limits.iterations + 1)
     try:

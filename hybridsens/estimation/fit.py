@@ -22,7 +22,7 @@ from .descend import Callbacks, GuessFailed, Iteration, Limits, Run, descend
 from .growing import Growing
 from .horizon import GrowingHorizon
 from .iterate import BatchSize
-from .optimizers import Method, method
+from .optimizers import Method, chosen_method
 from .parameters import Bounds
 from .problem import Problem
 from .result import FitResult
@@ -114,22 +114,22 @@ def fit(
     guess = problem.selection.from_values(problem.selection.values(problem.scene))
     kept = None if keeper is None else keeper.read()
     z = guess if kept is None else problem.selection.from_values(kept)
-    plain, several = method(optimizer), None
-    how = Growing(plain, strategy) if strategy is not None else plain
+    plain, several = chosen_method(optimizer), None
+    method = Growing(plain, strategy) if strategy is not None else plain
     with ExitStack() as until_first_line:
         until_first_line.enter_context(waiting("compiling", bool(progress)))
         listener = _listener(progress, until_first_line.close)
         callbacks = Callbacks(listener, keeper, BatchSize() if listener is None else BatchSize(1))
         if starts.count > 1 and kept is None:
-            several, z = _from_many(how, problem, spread_starts(problem, z, starts), max_iterations)
-            how = plain
-        descents = _to_the_end(how, problem, z, Limits(max_iterations, patience), callbacks)
+            several, z = _from_many(method, problem, spread_starts(problem, z, starts), max_iterations)
+            method = plain
+        descents = _to_the_end(method, problem, z, Limits(max_iterations, patience), callbacks)
     with waiting("compiling intervals", bool(progress)):
-        return _even_if_interrupted(lambda: build_result(how, problem, measured, guess, descents, several))
+        return _even_if_interrupted(lambda: build_result(method, problem, measured, guess, descents, several))
 
 
-def _from_many(how: Method | Growing, problem: Problem, zs, max_iterations: int) -> tuple[Starts, Array]:
-    several = descend_from_all(how, problem, zs, max_iterations)
+def _from_many(method: Method | Growing, problem: Problem, zs, max_iterations: int) -> tuple[Starts, Array]:
+    several = descend_from_all(method, problem, zs, max_iterations)
     if not bool(jnp.any(jnp.isfinite(several.loss))):
         raise GuessFailed(
             f"At least one of the {zs.shape[0]} starts must have a motion that reaches its end, but none has."
@@ -141,13 +141,13 @@ def _own_arguments() -> tuple[str, ...]:
     return tuple(name for name in inspect.signature(fit).parameters if name != "settings")
 
 
-def _to_the_end(how: Method | Growing, problem: Problem, z, limits: Limits, callbacks: Callbacks) -> list[Run]:
+def _to_the_end(method: Method | Growing, problem: Problem, z, limits: Limits, callbacks: Callbacks) -> list[Run]:
     """All descents, with that on the whole record; if stages were ended by hand before it, only what it needs to
     report."""
-    first = descend(how, problem, z, limits, callbacks)
+    first = descend(method, problem, z, limits, callbacks)
     if first.whole:
         return [first]
-    last = _even_if_interrupted(lambda: descend(how, problem, first.z, Limits(0, 1), callbacks, stages=False))
+    last = _even_if_interrupted(lambda: descend(method, problem, first.z, Limits(0, 1), callbacks, stages=False))
     return [first, last._replace(stopped=first.stopped)]
 
 

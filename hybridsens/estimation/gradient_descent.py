@@ -10,8 +10,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..adjoint.methods import Replay
-from .outcome import Outcome
-from .problem import Trial
+from .problem import Outcome, Trial
 
 _SMALL_STEP = 1e-9
 _PATIENCE = 12

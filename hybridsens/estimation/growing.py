@@ -11,8 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .horizon import GrowingHorizon, Stage
 from .least_squares import FAR, NEAR
 from .optimizers import Method
-from .outcome import Outcome
-from .problem import Problem
+from .problem import Outcome, Problem
 
 
 class StageState(NamedTuple):

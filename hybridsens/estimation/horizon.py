@@ -4,26 +4,10 @@ Over a long horizon the loss has many local minima: a guess whose phase is half 
 one. A short horizon has few, but leaves some parameters undetermined, so these stages hold z near the guess.
 """
 
-from typing import Any, Protocol, runtime_checkable
-
 import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
-
-
-@runtime_checkable
-class Measured(Protocol):
-    """What a stage asks of the problem that it is a part of."""
-
-    @property
-    def data(self) -> Any: ...
-    @property
-    def t0(self) -> Float[Array, ""]: ...
-    @property
-    def horizon(self) -> Float[Array, ""]: ...
-    @property
-    def sigma_unit(self) -> Float[Array, ""]: ...
 
 
 class GrowingHorizon(eqx.Module):
@@ -58,7 +42,7 @@ class GrowingHorizon(eqx.Module):
         """Room for trial points at one horizon, most of them rejected if it is used up."""
         return self.steps + 8
 
-    def next(self, problem: Measured, seen, end) -> Float[Array, ""]:
+    def next(self, problem, seen, end) -> Float[Array, ""]:
         """Where the stage after one that ended at time `end` ends [s], if a motion shows `seen`: at the last time until
         which it follows the record, at the least later by the factor `growth`; inf: it is the whole problem. `end` is
         -inf before the first stage.
@@ -74,7 +58,7 @@ class GrowingHorizon(eqx.Module):
             least = jnp.maximum(jnp.where(twice[0], t0, last), least)
         return jnp.where(least < problem.horizon, least, jnp.inf)
 
-    def _lost(self, problem: Measured, seen) -> Bool[Array, "sample"]:
+    def _lost(self, problem, seen) -> Bool[Array, "sample"]:
         data = problem.data
         known = data.weights > 0
         count = jnp.sum(known, axis=0)
@@ -85,7 +69,7 @@ class GrowingHorizon(eqx.Module):
 
 
 class Stage(eqx.Module):
-    """A part of a problem: measurements until a time, and unknowns held near the guess."""
+    """A part of a `Problem`: measurements until a time, and unknowns held near the guess."""
 
     growth: GrowingHorizon
     anchor: Float[Array, "parameter"]
@@ -95,16 +79,16 @@ class Stage(eqx.Module):
     begins: Bool[Array, ""]
     """The stage has yet to begin: one motion over the full horizon shows how far it follows the record."""
 
-    def motion_end(self, problem: Measured) -> Float[Array, ""]:
+    def motion_end(self, problem) -> Float[Array, ""]:
         """How far motions go [s]."""
         return jnp.where(self.begins, problem.horizon, jnp.minimum(self.end, problem.horizon))
 
-    def chosen_end(self, problem: Measured, seen) -> Float[Array, ""]:
+    def chosen_end(self, problem, seen) -> Float[Array, ""]:
         """The last time, chosen by what a motion shows if the stage has yet to begin."""
         following = self.growth.next(problem, lax.stop_gradient(seen), self.end)
         return jnp.where(self.begins, following, self.end)
 
-    def anchor_residuals(self, problem: Measured, z, end) -> Float[Array, "parameter"]:
+    def anchor_residuals(self, problem, z, end) -> Float[Array, "parameter"]:
         """Residuals that hold z near the guess; 0 in the whole problem."""
         weight = self.growth.anchor_weight * problem.sigma_unit
         return jnp.where(jnp.isposinf(end), 0, (z - self.anchor) * weight)

@@ -11,7 +11,7 @@ from jax import lax
 
 from .growing import Growing
 from .optimizers import Method
-from .outcome import Outcome
+from .problem import Outcome
 
 MOST = 32
 """At most so many iterations in one call."""

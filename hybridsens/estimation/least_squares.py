@@ -11,8 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..adjoint.methods import ForwardSensitivities
 from .acceleration import geodesic
-from .outcome import Outcome
-from .problem import Trial
+from .problem import Outcome, Trial
 
 _TAGS: frozenset[object] = frozenset()
 _OPTIONS = {"jac": "bwd"}  # the Jacobian comes as an array; "fwd" would keep a program, compiled anew for each fit

@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from . import gradient_descent, least_squares
 from .least_squares import FAR
-from .outcome import Outcome
+from .problem import Outcome
 
 
 class Method(eqx.Module):
@@ -52,7 +52,7 @@ def _by_name(name: str) -> Any:
 NAMES = ("levenberg-marquardt", "gauss-newton", "lbfgs", "adam")
 
 
-def method(optimizer: Any) -> Method:
+def chosen_method(optimizer: Any) -> Method:
     """The method that a user means.
 
     Raises: ValueError for an unknown name, TypeError for anything that is neither a Gauss-Newton solver of Optimistix

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..adjoint.methods import AbstractGradientMethod, Replay
@@ -29,6 +30,36 @@ class Trial(NamedTuple):
     """Which contact, -1 in padding."""
     end: Float[Array, ""]
     """Until when it was compared with the record, in a stage of `GrowingHorizon`; inf: all of it."""
+
+
+class Outcome(NamedTuple):
+    """One iteration of any optimizer."""
+
+    z: Float[Array, "unknown"]
+    """Where the optimizer stands after it."""
+    loss: Float[Array, ""]
+    """sum r^2 / 2 there."""
+    gradient_norm: Float[Array, ""]
+    """|dloss/dz| there."""
+    accepted: Bool[Array, ""]
+    """Whether the trial point was taken."""
+    converged: Bool[Array, ""]
+    stalled: Bool[Array, ""]
+    """No trial point has been taken for several iterations."""
+    first: Bool[Array, ""]
+    """It is the first evaluation of a problem, so there was nothing to take a step from."""
+    trial: Trial
+    """What happened at the trial point."""
+
+    @property
+    def in_stage(self) -> Bool[Array, ""] | np.bool_:
+        """Whether a shorter horizon than the problem's was fitted."""
+        return self.trial.end < jnp.inf
+
+    @property
+    def ends(self) -> Bool[Array, ""] | np.bool_:
+        """Whether the optimizer has nothing left to do: it is done or stuck, or has no motion to begin with."""
+        return self.converged | self.stalled | (self.first & self.trial.failed)
 
 
 class Observations(eqx.Module):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from .descend import UNFINISHED, Sequence
+from .descend import UNFINISHED, EventSequence
 
 _BARELY = 0.9
 """Residuals larger than this part of the data's spread leave less than a fifth of its variance to the model."""
@@ -169,7 +169,7 @@ def _direction(direction: dict[str, float]) -> str:
     return ", ".join(f"{label} {share:+.2f}" for label, share in shares if abs(share) > 0.05)
 
 
-def _sequence(sequence: Sequence) -> str:
+def _sequence(sequence: EventSequence) -> str:
     if not sequence:
         return "none"
     shown = ", ".join(f"{kind} {contact}" for kind, contact in sequence[:8])

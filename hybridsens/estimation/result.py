@@ -11,7 +11,7 @@ from ..export.text import preformatted
 from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 from .data import Measurements
-from .descend import INTERRUPTED, Iteration, Sequence
+from .descend import INTERRUPTED, EventSequence, Iteration
 from .plot import plot_fit
 from .report import remarks, report
 from .starts import Starts
@@ -50,9 +50,9 @@ class FitResult(eqx.Module):
     """Every iteration: its loss, where it stood, and why it failed if it did."""
     stopped: str
     """Why the fit ended; "converged" is what one wants, also on a bound."""
-    sequence_start: Sequence
+    sequence_start: EventSequence
     """Kinds and contacts of the events at the guess."""
-    sequence_end: Sequence
+    sequence_end: EventSequence
     """The same at the end."""
     data: Measurements
     """What was measured."""

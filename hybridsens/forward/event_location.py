@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from ..flat_system import StepEnds
 from ..numerics.tolerances import rounding, time_resolution
 from .guards import GuardsAtStart, scales_at
-from .inside import SHORTEST, Before, Inside, look_inside
+from .inside import Inside, Resolution, is_divisible, look_inside
 from .record import StepRecord
 
 LEAST_SEARCHED = 1 / 64
@@ -60,6 +60,12 @@ class Verdict(NamedTuple):
     """It is tried again, to end on an event."""
     must_split: Bool[Array, ""]
     """It is tried again, to end where it tells enough."""
+
+    @classmethod
+    def of(cls, accurate, inside: Inside) -> "Verdict":
+        """By the error control and by what the step shows."""
+        splits = ~inside.ends_early & jnp.isfinite(inside.split)
+        return cls(accurate & ~inside.ends_early & ~splits, accurate & inside.ends_early, accurate & splits)
 
 
 class EventLocator(diffrax.AbstractStepSizeController):
@@ -108,15 +114,9 @@ class EventLocator(diffrax.AbstractStepSizeController):
         guard, rate = system.guards_and_rates(t1, y1_candidate, mode)
         begin, end, error = jnp.asarray(t0), jnp.asarray(t1), jnp.asarray(y_error)
         step = StepEnds(begin, y0, state.guard, state.rate, end, y1_candidate, guard, rate, error, error_order)
-        depth = jnp.broadcast_to(system.grazing_depth(mode), guard.shape)
-        rounded = rounding(guard.dtype) * scales_at(system, t1, y1_candidate, mode, guard)[0]
-        before = Before(rounded, state.noise, state.shortenings, self.stop, depth)
-        inside, h = look_inside(step, before), t1 - t0
-        if system.searches(t0, y0):
-            inside = _search(system, mode, step, accurate, inside, before)
+        inside, h = self._look(system, mode, step, accurate, state), t1 - t0
         # First a verdict.
-        splits = ~inside.ends_early & jnp.isfinite(inside.split)
-        verdict = Verdict(accurate & ~inside.ends_early & ~splits, accurate & inside.ends_early, accurate & splits)
+        verdict = Verdict.of(accurate, inside)
         keep, retry_at_root, must_split = verdict
         landed = keep & inside.on_guard
 
@@ -146,6 +146,16 @@ class EventLocator(diffrax.AbstractStepSizeController):
         )
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, keep, landed, new)
 
+    def _look(self, system, mode, step: StepEnds, accurate, state: LocatorState) -> Inside:
+        """What a candidate step shows: by its ends, and by a search of its inside where the system has one."""
+        depth = jnp.broadcast_to(system.grazing_depth(mode), step.guard1.shape)
+        rounded = rounding(step.guard1.dtype) * scales_at(system, step.t1, step.x1, mode, step.guard1)[0]
+        resolution = Resolution(rounded, state.noise, state.shortenings, self.stop, depth)
+        inside = look_inside(step, resolution)
+        if system.searches(step.t0, step.x0):
+            inside = _search(system, mode, step, accurate, inside, resolution)
+        return inside
+
     def _free_step(self, h, t1, next_h, accurate, verdict: Verdict, state: LocatorState):
         """The step that the error control would take if there were no event."""
         step = jnp.where(accurate, jnp.where(verdict.retry_at_root, h, next_h), state.free_step)
@@ -164,16 +174,16 @@ class EventLocator(diffrax.AbstractStepSizeController):
         return R.where(full, R.max_steps_reached, result)
 
 
-def _search(system, mode, ends: StepEnds, accurate, inside: Inside, before: Before) -> Inside:
+def _search(system, mode, ends: StepEnds, accurate, inside: Inside, resolution: Resolution) -> Inside:
     """What a search of the inside of the step adds where its ends show nothing."""
     h = ends.t1 - ends.t0
-    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & (h > time_resolution(ends.t0, SHORTEST))
+    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & is_divisible(ends.t0, h)
     # The end was judged before: without its own depth the search would find it again.
-    tolerance = before.rounding + before.noise + jnp.maximum(-ends.guard1, 0)
+    tolerance = resolution.rounding + resolution.noise + jnp.maximum(-ends.guard1, 0)
     searched = system.search(ends, mode, tolerance, wanted)
     found = jnp.isfinite(searched.crossing)
     gave_up = ~found & (searched.reached < 1)
-    can_graze = jnp.any(before.depth >= 0)
+    can_graze = jnp.any(resolution.depth >= 0)
     far = ~can_graze | (searched.reached > LEAST_SEARCHED)
     return inside._replace(
         t_root=jnp.where(found, ends.t0 + searched.crossing * h, inside.t_root),

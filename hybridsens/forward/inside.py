@@ -14,16 +14,12 @@ from .guards import are_known, first_to_fall
 MUCH = 1e3
 """A guard that falls by so many times what its rates explain has jumped."""
 
-SHORTEST = 4
-"""Steps shorter than `time_resolution(t, 4)` are neither split nor searched: their length is known to no better than a
-part in a thousand."""
-
 BLOCK = 32
 """Many guards are looked at so many at once, and only where one of them is near zero."""
 
 
-class Before(NamedTuple):
-    """What the steps before tell of the guards."""
+class Resolution(NamedTuple):
+    """To what guards and times are told apart, and where the solve ends anyhow."""
 
     rounding: Float[Array, "guard"]
     """Rounding error of evaluating each guard."""
@@ -61,11 +57,17 @@ class Inside(NamedTuple):
     """Whether its guards and their rates are numbers."""
 
 
-def look_inside(step: StepEnds, before: Before) -> Inside:
+def is_divisible(t0, h) -> Bool[Array, ""]:
+    """Whether a step may be split or searched: the length of a shorter one is known to no better than a part in a
+    thousand."""
+    return h > time_resolution(t0, 4)
+
+
+def look_inside(step: StepEnds, resolution: Resolution) -> Inside:
     """What the guards do in a step. Most steps are let through by a glance, whatever the number of guards."""
-    near = _near(step, before)
+    near = _near(step, resolution)
     are_many = step.guard0.shape[0] > 2 * BLOCK
-    look = lambda: _look_by_blocks(step, before, near) if are_many else _look(step, before)
+    look = lambda: _look_by_blocks(step, resolution, near) if are_many else _look(step, resolution)
     return lax.cond(jnp.any(near), look, lambda: _nothing(step))
 
 
@@ -74,12 +76,12 @@ def _nothing(step: StepEnds) -> Inside:
     return Inside(never, no, never, no, jnp.array(-1), -never, never, no, yes)
 
 
-def _near(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
+def _near(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     """Which guards have to be looked at: in all others `_look` finds nothing, by any of its rules."""
-    return ~(_are_far(step, before) & _is_long(step, before))
+    return ~(_are_far(step, resolution) & _is_long(step, resolution))
 
 
-def _are_far(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
+def _are_far(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     """Which guards stay well above zero, by their tangents at both ends and by what they bend between them.
 
     It is false for one that is no number."""
@@ -89,16 +91,16 @@ def _are_far(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
     # Nor does it fall soon after: `to_go` is asked about up to a tenth of the step.
     lowest = jnp.minimum(lowest, g1 + d1 / 8)
     bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
-    return lowest > 2 * bend + before.rounding + before.noise
+    return lowest > 2 * bend + resolution.rounding + resolution.noise
 
 
-def _is_long(step: StepEnds, before: Before) -> Bool[Array, ""]:
+def _is_long(step: StepEnds, resolution: Resolution) -> Bool[Array, ""]:
     """Whether the step is longer than what time can resolve."""
     h = step.t1 - step.t0
-    return (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, before.shortenings))
+    return (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, resolution.shortenings))
 
 
-def _look_by_blocks(step: StepEnds, before: Before, near: Bool[Array, "guard"]) -> Inside:
+def _look_by_blocks(step: StepEnds, resolution: Resolution, near: Bool[Array, "guard"]) -> Inside:
     """The same, block by block: those that are far from zero are passed over."""
     count = step.guard0.shape[0]
 
@@ -106,7 +108,7 @@ def _look_by_blocks(step: StepEnds, before: Before, near: Bool[Array, "guard"]) 
         first = jnp.minimum(block * BLOCK, count - BLOCK)  # the last block overlaps the one before
 
         def look():
-            found = _look(*_cut(step, before, first))
+            found = _look(*_cut(step, resolution, first))
             return _both(inside, found._replace(landed_on=first + found.landed_on))
 
         return lax.cond(jnp.any(lax.dynamic_slice(near, (first,), (BLOCK,))), look, lambda: inside)
@@ -114,12 +116,12 @@ def _look_by_blocks(step: StepEnds, before: Before, near: Bool[Array, "guard"]) 
     return lax.fori_loop(0, -(-count // BLOCK), look_at, _nothing(step))
 
 
-def _cut(step: StepEnds, before: Before, first) -> tuple[StepEnds, Before]:
+def _cut(step: StepEnds, resolution: Resolution, first) -> tuple[StepEnds, Resolution]:
     """The step with the guards of one block."""
     cut = lambda of_all: lax.dynamic_slice(of_all, (first,), (BLOCK,))
     guards = {name: cut(getattr(step, name)) for name in ("guard0", "rate0", "guard1", "rate1")}
-    about = {name: cut(getattr(before, name)) for name in ("rounding", "noise", "depth")}
-    return step._replace(**guards), before._replace(**about)
+    about = {name: cut(getattr(resolution, name)) for name in ("rounding", "noise", "depth")}
+    return step._replace(**guards), resolution._replace(**about)
 
 
 def _both(a: Inside, b: Inside) -> Inside:
@@ -138,40 +140,40 @@ def _both(a: Inside, b: Inside) -> Inside:
     )
 
 
-def _look(step: StepEnds, before: Before) -> Inside:
+def _look(step: StepEnds, resolution: Resolution) -> Inside:
     t0, t1, h = step.t0, step.t1, step.t1 - step.t0
-    guard, rate, rounded = step.guard1, step.rate1, before.rounding
-    on_guard = _on_guard(step, before)
+    guard, rate, rounded = step.guard1, step.rate1, resolution.rounding
+    on_guard = _on_guard(step, resolution)
     # A guard that was just left may be below zero by its rounding while it rises: no crossing.
     rising = (rate >= 0) & (guard < 0) & (guard >= -rounded)
-    end = jnp.where(rising, 0, guard + before.noise)
+    end = jnp.where(rising, 0, guard + resolution.noise)
     root, miss = first_falling_root(step.guard0, step.rate0 * h, end, rate * h, rounded)
     is_shortest = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
     known = are_known(guard, rate)  # a guard that is no number would never fall
     t_root = t0 + jnp.min(jnp.where(on_guard | is_shortest | ~known, jnp.inf, root), initial=jnp.inf) * h
-    ends = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + before.noise)
+    ends = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
     split = jnp.min(tangents_meet_below(*ends), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*ends), 0.5, split)
-    split = jnp.where(h > time_resolution(t0, SHORTEST), split, jnp.inf)
-    ends_early = t_root < before.stop - time_resolution(t1, AT_END)
+    split = jnp.where(is_divisible(t0, h), split, jnp.inf)
+    ends_early = t_root < resolution.stop - time_resolution(t1, AT_END)
     to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
     landed_on, since = first_to_fall(on_guard, guard, rate)
     split = jnp.where(known, split, 0.5)
     return Inside(
-        t_root, ends_early, split, jnp.any(on_guard), landed_on, since, to_go, jnp.any(miss <= before.depth), known
+        t_root, ends_early, split, jnp.any(on_guard), landed_on, since, to_go, jnp.any(miss <= resolution.depth), known
     )
 
 
-def _on_guard(step: StepEnds, before: Before) -> Bool[Array, "guard"]:
+def _on_guard(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling."""
-    h, guard, rate, rounded = step.t1 - step.t0, step.guard1, step.rate1, before.rounding
+    h, guard, rate, rounded = step.t1 - step.t0, step.guard1, step.rate1, resolution.rounding
     # A guard that the segment has not left yet fires only after a root inside a step was found.
-    may_fire = (before.noise == 0) | (before.shortenings > 0)
-    close = jnp.abs(guard) <= rounded - time_resolution(step.t1, before.shortenings) * rate
+    may_fire = (resolution.noise == 0) | (resolution.shortenings > 0)
+    close = jnp.abs(guard) <= rounded - time_resolution(step.t1, resolution.shortenings) * rate
     below_after_shortest = (h <= time_resolution(step.t0, 1)) & (guard < 0)
     # No step is cut to end so little before the end of the solve. What fell there fires at the end: left below zero,
     # it would be lost to a solve that goes on from here.
-    fell_at_end = (step.t1 >= before.stop) & (guard < 0) & (guard >= time_resolution(step.t1, AT_END) * rate)
+    fell_at_end = (step.t1 >= resolution.stop) & (guard < 0) & (guard >= time_resolution(step.t1, AT_END) * rate)
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.
     fell = step.guard0 - guard
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))

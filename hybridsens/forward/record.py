@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..flat_system import AbstractFlatSystem, Decision, Mode
+from ..flat_system import FLOW_JUMP, AbstractFlatSystem, Decision, Mode
 from ..numerics.tolerances import jump_length
 from ..observables import EventStates
 from ..status import Status
@@ -16,12 +16,12 @@ from ..status import Status
 
 def jump_number(place):
     """The number that stands for jump time `place` where others stand for guards: -2, -3, ..."""
-    return -2 - place
+    return FLOW_JUMP - place
 
 
 def is_jump(guard):
     """Whether a number in the place of a guard's stands for a jump time."""
-    return guard <= -2
+    return guard <= FLOW_JUMP
 
 
 def before_jump(t):
@@ -119,8 +119,8 @@ class Motion(eqx.Module):
     """The mode that it began in. Every later one is that after an event."""
     steps: StepRecord
     events: EventRecord
-    last_guard: Int[Array, ""]
-    """Guard of the last event, -1 before the first."""
+    last_event: Int[Array, ""]
+    """Number of the last event, -1 before the first."""
     last_event_time: Float[Array, ""]
     """-inf before the first."""
     grazing: Bool[Array, ""]

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..flat_system import AbstractFlatSystem
+from ..flat_system import START, AbstractFlatSystem
 from ..status import Status
 from .clip_floor import short_clip_floor
 from .event_location import EventLocator, LocatorState
@@ -20,11 +20,11 @@ from .solver import TERM, Stepper
 class SegmentEnd(eqx.Module):
     """Why a segment ended."""
 
-    event: Bool[Array, ""]
+    is_event: Bool[Array, ""]
     """Whether a guard fell through zero, or a declared time was reached."""
-    guard: Int[Array, ""]
-    """Which one: a guard, or `jump_number(j)` for jump time j; -1 where the motion has not begun, meaningless without
-    an event."""
+    event: Int[Array, ""]
+    """Which one: a guard or a scheduled time, or `jump_number(j)` for jump time j; `START` where the motion has not
+    begun, meaningless without an event."""
     time: Float[Array, ""]
     """When: where the motion stands, or the declared time itself."""
 
@@ -60,10 +60,10 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     assert isinstance(state, LocatorState) and ts is not None and ys is not None
     landed = solution.result == diffrax.RESULTS.event_occurred
     guard = jnp.where(at_once, first_to_fall(start.triggered, start.guard, start.rate)[0], state.landed_on)
-    guard = jnp.where(motion.begun, guard, -1)
+    guard = jnp.where(motion.begun, guard, START)
     first_step = jnp.where(motion.begun, state.free_step, motion.first_step)  # to be found in the mode then chosen
     motion = Motion(
-        motion.begun, ts[0], ys[0], motion.mode, motion.first_mode, state.record, motion.events, motion.last_guard,
+        motion.begun, ts[0], ys[0], motion.mode, motion.first_mode, state.record, motion.events, motion.last_event,
         motion.last_event_time, motion.grazing | state.grazing, motion.unreported, state.rejected, first_step,
         Status.where(jnp.isnan(known.time), Status.non_finite, _status(solution.result, state.finite)),
     )  # fmt: skip

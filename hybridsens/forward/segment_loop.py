@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from ..flat_system import AbstractFlatSystem, Decision
+from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision
 from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
 from ..status import Status
@@ -53,7 +53,7 @@ def _goes_on(motion: Motion):
 def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
     """A motion without any event, in one solve; of no length where it must not start. Nothing holds its state, so
     nothing projects it."""
-    begins = system.choose(jnp.array(-1), motion.t, motion.x, motion.mode)
+    begins = system.choose(jnp.array(START), motion.t, motion.x, motion.mode)
     start = Status.where(motion.status == Status.running, begins.status, motion.status)
     motion = dataclasses.replace(motion, begun=jnp.array(True), status=start)
     motion, _ = solve_segment(system, stepper, jnp.where(start == Status.running, t1, motion.t), motion)
@@ -67,28 +67,13 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     The first event is the beginning: the mode is chosen, the state is put on the constraints of that mode, and no row
     is written. At a jump time the mode is chosen anew, and the state goes on."""
     t, before, events = end.time, motion.x, motion.events
-    at_jump_time = is_jump(end.guard)
-    hidden = at_jump_time | system.is_silent(end.guard, motion.mode)
+    at_jump_time = is_jump(end.event)
+    hidden = at_jump_time | system.is_silent(end.event, motion.mode)
     full = ~hidden & (events.count - motion.unreported >= events.room)
-    # A scheduled time comes again only where an event moves it, a guard at one instant where its event put it below 0.
-    again = motion.begun & (end.guard == motion.last_guard) & (end.guard < guard_count(system, motion))
-    again &= jnp.logical_not(system.fires_at_once(end.guard, motion.mode))
-    again &= t - motion.last_event_time <= time_resolution(t, 1)
-    passes = end.event & ~full & ~again
+    again = _comes_again(system, motion, end)
+    passes = end.is_event & ~full & ~again
     recorded = passes & motion.begun
-
-    def transition():
-        at = jnp.where(at_jump_time, after_jump(t), t)
-        event = jnp.maximum(end.guard, -2)  # one number stands for every jump time
-        decision = system.choose(event, at, before, motion.mode)
-        reset_x, emitted = system.reset(decision, t, before)
-        at_event = lambda: reset_x
-        if system.jump_times() is not None:
-            past = lambda: past_jump(system, t, before, (motion.mode, decision.mode))
-            at_event = lambda: lax.cond(at_jump_time, past, lambda: reset_x)
-        after = lax.cond(motion.begun, at_event, lambda: system.project(t, before, decision.mode))
-        return Transition(decision, after, emitted)
-
+    transition = lambda: _transition(system, motion, end, at_jump_time)
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
     done = lax.cond(passes, transition, lambda: nothing)
     after = jnp.where(passes, done.after, before)
@@ -98,7 +83,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     first_step = jnp.where(passes, jnp.minimum(motion.first_step, first_step_bound), motion.first_step)
     # The row is always written and counts only if `recorded`: a conditional would copy the whole buffer.
     states = EventStates(jnp.where(recorded, t, jnp.inf), before, after, done.emitted)
-    event = EventRow(states, jnp.where(recorded, end.guard, -1), done.decision)
+    event = EventRow(states, jnp.where(recorded, end.event, -1), done.decision)
     events = events.append(recorded, event, motion.steps.count, first_step)
     mode = jax.tree.map(lambda new, old: jnp.where(passes, new, old), done.decision.mode, motion.mode)
     return Motion(
@@ -109,7 +94,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         first_mode=jax.tree.map(lambda first, new: jnp.where(motion.begun, first, new), motion.first_mode, mode),
         steps=motion.steps.jump(t_after, after),
         events=events,
-        last_guard=jnp.where(passes, end.guard, motion.last_guard),
+        last_event=jnp.where(passes, end.event, motion.last_event),
         last_event_time=jnp.where(recorded, t, motion.last_event_time),
         grazing=motion.grazing | (recorded & done.decision.grazing),
         unreported=motion.unreported + (recorded & hidden),
@@ -119,11 +104,35 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     )
 
 
+def _comes_again(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Bool[Array, ""]:
+    """Whether the last event comes once more, at the same instant: it would do so for ever.
+
+    A scheduled time comes again only where an event moves it, a guard where its event put it below 0."""
+    again = motion.begun & (end.event == motion.last_event) & (end.event < guard_count(system, motion))
+    again &= jnp.logical_not(system.fires_at_once(end.event, motion.mode))
+    return again & (end.time - motion.last_event_time <= time_resolution(end.time, 1))
+
+
+def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_jump_time) -> Transition:
+    """Carry out an event: decide, and reset the state; project it at the beginning, let it go on past a jump time."""
+    t, before = end.time, motion.x
+    at = jnp.where(at_jump_time, after_jump(t), t)
+    event = jnp.maximum(end.event, FLOW_JUMP)  # one number stands for every jump time
+    decision = system.choose(event, at, before, motion.mode)
+    reset_x, emitted = system.reset(decision, t, before)
+    at_event = lambda: reset_x
+    if system.jump_times() is not None:
+        past = lambda: past_jump(system, t, before, (motion.mode, decision.mode))
+        at_event = lambda: lax.cond(at_jump_time, past, lambda: reset_x)
+    after = lax.cond(motion.begun, at_event, lambda: system.project(t, before, decision.mode))
+    return Transition(decision, after, emitted)
+
+
 def _status(motion: Motion, end: SegmentEnd, full, again, decided: Status) -> Status:
     """What is said of the motion after a segment and its event. Later lines override earlier ones."""
     reached = Status.where(motion.grazing, Status.grazing, Status.successful)
     ended = Status.where(motion.status == Status.running, reached, motion.status)
-    status = Status.where(end.event, motion.status, ended)
+    status = Status.where(end.is_event, motion.status, ended)
     status = Status.where(decided == Status.running, status, decided)
-    status = Status.where(end.event & again, Status.event_repeats, status)
-    return Status.where(end.event & full, Status.max_events_reached, status)
+    status = Status.where(end.is_event & again, Status.event_repeats, status)
+    return Status.where(end.is_event & full, Status.max_events_reached, status)

@@ -160,7 +160,7 @@ class Stepper(eqx.Module):
     """How many steps a segment may have."""
 
 
-class Method(eqx.Module):
+class RunSettings(eqx.Module):
     """Settings of a run: what trades accuracy for time, and how much room there is."""
 
     solver: diffrax.AbstractSolver

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jax import lax
 
+from ..flat_system import START
 from ..numerics.tolerances import MOST_RELAXED, time_resolution
 from ..status import Status
 from ..validation.asked import Asked, kind_of
@@ -86,7 +87,7 @@ def check_room(max_events: int, max_steps: int, state: State) -> None:
 def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> Status:
     """`Status.running` where the values at (t, q, v) fit, or why the motion must not go on from there.
 
-    Asked at the start (`event` -1), and again at every event, where the gaps are the business of the laws.
+    Asked at the start, and again at every event, where the gaps are the business of the laws.
     """
     t, q, v = now
     mass = scene.mass_matrix(q)
@@ -97,7 +98,7 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> S
     # A motion may have ended a little inside, where it struck: its state begins another one.
     inside = gap_tolerance(mode.length) + time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
     requirements = (
-        (ContactStatus.penetration, (event != -1) | jnp.all(gap >= -inside)),
+        (ContactStatus.penetration, (event != START) | jnp.all(gap >= -inside)),
         (ContactStatus.bad_restitution, jnp.all((e >= 0) & (e <= 1))),
         (ContactStatus.bad_mass_matrix, _definite(mass, event)),
         (Status.non_finite, jnp.all(jnp.isfinite(values))),

@@ -58,7 +58,7 @@ def contact_geometry(scene: AbstractScene, t, q) -> ContactGeometry:
     return ContactGeometry(jacobian, mobility, jacobian @ mobility)
 
 
-MANY = 8
+FEW = 8
 """Scenes of up to this many contacts look at all of them."""
 
 
@@ -90,12 +90,11 @@ class Among(NamedTuple):
     elsewhere: Any
 
 
-def among_one(scene: AbstractScene, wanted: Bool[Array, "contact"], among: Among) -> tuple[Any, Any]:
-    """`among.run` with the one contact that is wanted; with all of them where several are: nothing is left out that
-    matters.
+def among_wanted(scene: AbstractScene, wanted: Bool[Array, "contact"], among: Among) -> tuple[Any, Any]:
+    """`among.run` with the contacts that are wanted, and with others where that is quicker: with one, or with all.
 
     A law for one contact is short. For two it would take as long to compile as for all."""
-    if wanted.shape[0] <= MANY:
+    if wanted.shape[0] <= FEW:
         return among.run(scene, among.by_contact)
     # On the way back each branch is worked out again. Otherwise the matrices of all contacts would be handed on, as
     # zeros, where one of them was looked at.
@@ -107,9 +106,9 @@ def among_one(scene: AbstractScene, wanted: Bool[Array, "contact"], among: Among
 def among_held(scene: AbstractScene, held: Bool[Array, "contact"], dof: int, among: Among) -> tuple[Any, Any]:
     """The same with the contacts that are held. These are independent, so that there are at most as many of them as
     coordinates: a body of few coordinates needs no more, however many contacts it has."""
-    if held.shape[0] > MANY and dof <= MANY:
+    if held.shape[0] > FEW and dof <= FEW:
         return _among_first(scene, held, dof, among)
-    return among_one(scene, held, among)
+    return among_wanted(scene, held, among)
 
 
 def _among_first(scene: AbstractScene, wanted, count: int, among: Among) -> tuple[Any, Any]:

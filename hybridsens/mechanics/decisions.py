@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
-from ..flat_system import Decision
+from ..flat_system import START, Decision
 from ..numerics.tolerances import closeness
 from ..status import Status
 from .checks import may_begin
-from .contact import MANY, Among, Instant, among_one, contact_jacobian, gap_and_rate
+from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate
 from .event_state import EventState, acted_on_nearby, look_at_event, wider_scales
 from .laws import Selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
@@ -51,8 +51,7 @@ class ImpactDetail(eqx.Module):
 def decide_transition(
     scene: AbstractScene, limits: Limits, event: Int[Array, ""], now: Instant, mode: ContactMode
 ) -> Decision:
-    """The discrete outcome of guard `event` falling through zero at (t, q, v-); of the start where it is -1, of a jump
-    of the forces where it is -2."""
+    """The discrete outcome of guard `event` falling through zero at (t, q, v-), of the start, or of a flow jump."""
     t, q, v = now
     if mode.active.shape[0] == 0:  # no contact to choose: all that can be said is whether the values fit
         no_contact = ImpactDetail(*4 * [mode.active])
@@ -62,10 +61,10 @@ def decide_transition(
     def among(scene, given):
         mode, triggered = given
         here = jnp.where(event >= 0, jnp.argmax(triggered), event)  # where the event is among those looked at
-        verdict = _judge(scene, limits, here, now, mode)
-        return (verdict.mode, verdict.detail), verdict._replace(mode=None, detail=None)
+        d = _decide(scene, limits, here, now, mode)
+        return (d.mode, d.detail), (d.kind, d.grazing, d.status, d.first_step_bound, d.order_matters)
 
-    if mode.active.shape[0] > MANY:  # not all will be looked at, and the sizes of all must be known from the start
+    if mode.active.shape[0] > FEW:  # not all will be looked at, and the sizes of all must be known from the start
         rate = gap_and_rate(scene, t, q, v)[1]
         begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, rate, limits.depth[1])
         mode = lax.cond(event < 0, begin, lambda: mode)
@@ -73,25 +72,13 @@ def decide_transition(
     near = scene.gap(t, q) <= NEAR * closeness(q.dtype) * (jnp.max(mode.length) + jnp.max(jnp.abs(q)))
     wanted = triggered | mode.held | near
     elsewhere = mode, ImpactDetail(*4 * [jnp.zeros_like(triggered)])
-    (after, detail), verdict = among_one(scene, wanted, Among(among, (mode, triggered), elsewhere))
-    status = Status.where(verdict.status == Status.running, may_begin(scene, after, event, now), verdict.status)
-    bound, order_matters = verdict.first_step_bound, verdict.order_matters
-    return Decision(after, verdict.kind, detail, verdict.grazing, status, bound, order_matters=order_matters)
+    (after, detail), rest = among_wanted(scene, wanted, Among(among, (mode, triggered), elsewhere))
+    kind, grazing, status, bound, order_matters = rest
+    status = Status.where(status == Status.running, may_begin(scene, after, event, now), status)
+    return Decision(after, kind, detail, grazing, status, bound, order_matters=order_matters)
 
 
-class Verdict(NamedTuple):
-    """What is decided among some contacts: the parts of a Decision."""
-
-    mode: Any
-    detail: Any
-    kind: Int[Array, ""]
-    grazing: Bool[Array, ""]
-    status: Status
-    first_step_bound: Float[Array, ""]
-    order_matters: Bool[Array, ""]
-
-
-def _judge(scene: AbstractScene, limits: Limits, event, now: Instant, mode: ContactMode) -> Verdict:
+def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: ContactMode) -> Decision:
     """The decision among the contacts of the scene."""
     # A negative `event` is no contact. Its number is that of the last one then, and `met` masks what is read there.
     is_release = (event >= 0) & mode.active[event]
@@ -113,16 +100,16 @@ def _judge(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Cont
     first_step_bound = _first_step_bound(scene, now._replace(v=impact.v), at_event.gap_acceleration, leaving)
     kind = jnp.where(is_release, EventKind.RELEASE, kind)
     order_matters = _order_matters(at_event, impact.support, mode)
-    return Verdict(after, detail, kind, grazing, status, first_step_bound, order_matters)
+    return Decision(after, kind, detail, grazing, status, first_step_bound, order_matters=order_matters)
 
 
 def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
     """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2)."""
     mode = open_mode(scene.gap(t, q).shape[0], q.dtype)
-    return decide_transition(scene, Limits(0.0, (0.0, atol)), jnp.array(-1), Instant(t, q, v), mode).mode
+    return decide_transition(scene, Limits(0.0, (0.0, atol)), jnp.array(START), Instant(t, q, v), mode).mode
 
 
-def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: ContactMode, grazing, status) -> Verdict:
+def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: ContactMode, grazing, status) -> Decision:
     """The impact of a scene whose contacts never stay closed. Where one would, the status is `event_repeats`."""
     geometry, rate, impacting = at_event.geometry, at_event.rate, at_event.impacting
     e, no_contact = scene.restitution(), jnp.zeros_like(impacting)
@@ -134,7 +121,8 @@ def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: Cont
     status = Status.where(jnp.any(stays), Status.event_repeats, status)
     detail = ImpactDetail(at_event.triggered, support, no_contact, no_contact)
     order_matters = _order_matters(at_event, support, mode)
-    return Verdict(mode, detail, jnp.asarray(EventKind.IMPACT), grazing, status, first_step_bound, order_matters)
+    kind = jnp.asarray(EventKind.IMPACT)
+    return Decision(mode, kind, detail, grazing, status, first_step_bound, order_matters=order_matters)
 
 
 def _first_step_bound(scene: AbstractScene, after: Instant, gap_acceleration, leaving):

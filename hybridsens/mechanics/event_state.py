@@ -28,33 +28,31 @@ class EventState(NamedTuple):
     closed: Bool[Array, "contact"]
     """Contacts that take part: held ones, the struck one, and those that meet here and that it acts on."""
     impacting: Bool[Array, "contact"]
-    """Those of them that the law of impact is asked about: none at a release or at the start."""
+    """Those of them that the law of impact is asked about: none at a release, at the start or at a flow jump."""
     below_rounding: Float[Array, "contact"]
     """Rebounds slower than this hop lower than the rounding of the gap."""
 
 
-def look_at_event(
-    scene: AbstractScene, atol, event, now: Instant, mode: ContactMode
-) -> tuple[EventState, ContactMode]:
+def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: ContactMode) -> tuple[EventState, ContactMode]:
     """Who meets, and the mode with its memory of sizes brought up to date."""
     t, q, v = now
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
-    pressed = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
+    falls = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
     mode = wider_scales(mode, geometry.jacobian, q, v, rate, atol)
     tolerance = gap_tolerance(mode.length)
-    start = event < 0
+    chosen_anew = event < 0  # at the start and at a flow jump
     triggered = jnp.arange(gap.shape[0]) == event
     is_release = jnp.any(triggered & mode.active)
     meeting = gap <= tolerance + time_resolution(t, 2) * jnp.abs(rate)
     touching = meeting & _acted_on(geometry, event)  # uncoupled ones have an event of their own
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
     closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
-    closed = jnp.where(start, (gap <= tolerance) | held, closed)
-    impacting = closed & ~is_release & ~start
-    below_rounding = rate_below_rounding(pressed, mode)
+    closed = jnp.where(chosen_anew, (gap <= tolerance) | held, closed)
+    impacting = closed & ~is_release & ~chosen_anew
+    below_rounding = rate_below_rounding(falls, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
-    at_event = EventState(geometry, gap, rate, pressed, triggered, meeting, closed, impacting, below_rounding)
+    at_event = EventState(geometry, gap, rate, falls, triggered, meeting, closed, impacting, below_rounding)
     return at_event, dataclasses.replace(mode, fastest=fastest)
 
 

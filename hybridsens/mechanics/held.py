@@ -16,8 +16,8 @@ from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
 from ..numerics.dense import solve_masked
 from ..numerics.tolerances import rounding
+from ..search.gap_search import search_gaps
 from ..search.path import Path
-from ..search.stretches import search_gaps
 from .contact import Among, among_held, contact_geometry, contact_jacobian
 from .mode import ContactMode
 from .scene import AbstractScene

@@ -29,10 +29,8 @@ def impact_impulse(
     return solve_masked(geometry.delassus_matrix, -(1 + restitution) * rate, support.astype(rate.dtype))
 
 
-def settling_impulse(
-    geometry: ContactGeometry, rate, brought_to_rest: Bool[Array, "contact"]
-) -> Float[Array, "contact"]:
-    """Impulses with phi'+ = 0 on the settled contacts, of either sign."""
+def rest_impulse(geometry: ContactGeometry, rate, brought_to_rest: Bool[Array, "contact"]) -> Float[Array, "contact"]:
+    """Impulses with phi'+ = 0 on the contacts brought to rest, of either sign."""
     return solve_masked(geometry.delassus_matrix, -rate, brought_to_rest.astype(rate.dtype))
 
 
@@ -43,11 +41,11 @@ def transition_impulse(
     support: Bool[Array, "contact"],
     brought_to_rest: Bool[Array, "contact"],
 ) -> Float[Array, "contact"]:
-    """All impulses of an event: those of the impact, then those that bring the settled contacts to rest."""
+    """All impulses of an event: those of the impact, then those that bring contacts to rest."""
     impulse = impact_impulse(geometry, rate, restitution, support)
     if rate.shape[0] == 1:  # one contact has no neighbour to settle with
         return impulse
-    return impulse + settling_impulse(geometry, rate + geometry.delassus_matrix @ impulse, brought_to_rest)
+    return impulse + rest_impulse(geometry, rate + geometry.delassus_matrix @ impulse, brought_to_rest)
 
 
 def impulse_support(

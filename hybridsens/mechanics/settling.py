@@ -1,5 +1,6 @@
 """What the laws leave at an event: the velocities after it, and contacts that leave too slowly to matter at rest."""
 
+import enum
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -26,41 +27,48 @@ class Impact(NamedTuple):
     selection: Selection
 
 
+class Turn(enum.IntEnum):
+    """Turns of `apply_laws`, in their order."""
+
+    SLOW_PLASTIC = 0
+    """The law with every slow contact plastic."""
+    HELD_PLASTIC = 1
+    """The law with those plastic that were held then. It is left out where they are the same."""
+    TOGETHER = 2
+    """A test whether Gauss's principle holds neighbours that leave slowly, all of them together."""
+    BROUGHT_TO_REST = 3
+    """The law with those at rest; it is needed in any case, since the turn before selected with a wider limit. Impulses
+    that bring to rest may pull other contacts closed: it is repeated with these, until nobody is."""
+
+
 def apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: Instant, mode: ContactMode) -> Impact:
     """The law of impact (T3) and Gauss's principle (T2), with rebounds that are too slow to matter cut.
 
     A rebound that is slow (or not to be seen above the rounding of the gap) is plastic, but only where the contact is
     pressed: a grazing contact leaves slowly too, and has to keep its rebound. An impact also kicks neighbours off,
     which fall back and kick in their turn: contacts that leave too slowly to matter are brought to rest together.
-
-    - Turn 0 applies the law with every slow contact plastic.
-    - Turn 1 makes those plastic that were held then. It is left out where they are the same.
-    - Turn 2 tests whether Gauss's principle holds neighbours that leave slowly, all of them together.
-    - Turn 3 brings those to rest; it is needed in any case, since turn 2 selected with a wider limit. Impulses that do
-      that may pull other contacts closed: it is repeated with these, until nobody is.
-
-    One loop, so that the laws are compiled once; a contact without a neighbour needs turns 0 and 1 alone.
+    One loop over `Turn`, so that the laws are compiled once; a contact without a neighbour needs the first two alone.
     """
     impacting, no_contact = at_event.impacting, jnp.zeros_like(at_event.impacting)
     cut = capture_speed * mode.fastest
     slow = impacting & (scene.restitution() * jnp.abs(at_event.rate) <= jnp.maximum(cut, at_event.below_rounding))
-    law = _Turn(scene, at_event, now, mode, slow, cut)
+    law = _Laws(scene, at_event, now, mode, slow, cut)
 
     def next_turn(carry):
-        k, last = carry
-        impact = law.turn(k, last)
-        as_it_was = (k == 0) & ~jnp.any(impact.plastic != last.plastic)  # turn 1 would apply the same law again
-        again = (k == 3) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
-        return jnp.where(as_it_was, 2, jnp.where(again, 3, k + 1)), impact
+        turn, last = carry
+        impact = law.apply(turn, last)
+        as_it_was = (turn == Turn.SLOW_PLASTIC) & ~jnp.any(impact.plastic != last.plastic)
+        again = (turn == Turn.BROUGHT_TO_REST) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
+        return jnp.where(as_it_was, Turn.TOGETHER, jnp.where(again, Turn.BROUGHT_TO_REST, turn + 1)), impact
 
     several = (not law.alone) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with
-    turns = jnp.where(several, 4, 2)
+    turns = jnp.where(several, len(Turn), Turn.TOGETHER)
     start = Impact(slow, no_contact, no_contact, now.v, Selection(no_contact, no_contact))
     return lax.while_loop(lambda carry: carry[0] < turns, next_turn, (jnp.array(0), start))[1]
 
 
-class _Turn(NamedTuple):
-    """A turn of `apply_laws`, and what all of them share."""
+class _Laws(NamedTuple):
+    """The laws at one event."""
 
     scene: AbstractScene
     at_event: EventState
@@ -81,7 +89,7 @@ class _Turn(NamedTuple):
         """What counts as no rate."""
         return closeness(self.now.q.dtype) * self.mode.speed
 
-    def turn(self, k: Int[Array, ""], last: Impact) -> Impact:
+    def apply(self, turn: Int[Array, ""], last: Impact) -> Impact:
         """Impulses, the velocities that they leave, and who is held then."""
         (t, q, v), geometry, impacting = self.now, self.at_event.geometry, self.at_event.impacting
         restitution = jnp.where(last.plastic, 0, self.scene.restitution())
@@ -93,27 +101,27 @@ class _Turn(NamedTuple):
         candidates, limit = self.at_event.closed, self.rest_speed
         if not self.alone:
             falls = acceleration.held(geometry, last.selection.active)
-            candidates = jnp.where(k == 2, impacting, candidates)
-            limit = jnp.where(k == 2, self._settle_speed(falls), limit)
+            candidates = jnp.where(turn == Turn.TOGETHER, impacting, candidates)
+            limit = jnp.where(turn == Turn.TOGETHER, self._settle_speed(falls), limit)
         selection = gauss_selection(geometry, acceleration, rate, candidates, limit)
-        plastic = jnp.where(k == 0, self.slow & selection.active, last.plastic)
+        plastic = jnp.where(turn == Turn.SLOW_PLASTIC, self.slow & selection.active, last.plastic)
         brought_to_rest = last.brought_to_rest
         if not self.alone:
-            brought_to_rest = self._brought_to_rest(k, last, selection, rate)
+            brought_to_rest = self._brought_to_rest(turn, last, selection, rate)
         return Impact(plastic, support, brought_to_rest, v_after, selection)
 
     def _settle_speed(self, falls):
         """Below it a neighbour that is kicked off falls back at once, at the accelerations `falls`."""
         return jnp.maximum(self.rest_speed, jnp.maximum(self.cut, rate_below_rounding(falls, self.mode)))
 
-    def _brought_to_rest(self, k, last: Impact, selection: Selection, rate) -> Bool[Array, "contact"]:
-        """In turn 2 who rests, were all held together, if that is more than before; in turn 3 those that are pulled
-        closed too. Only contacts that are independent of each other can be brought to rest."""
-        together = k == 2
+    def _brought_to_rest(self, turn, last: Impact, selection: Selection, rate) -> Bool[Array, "contact"]:
+        """First who rests, were all held together, if that is more than before; then those that are pulled closed too.
+        Only contacts that are independent of each other can be brought to rest."""
+        together = turn == Turn.TOGETHER
         rests = selection.active | selection.resting
         more = jnp.any(rests & ~(last.selection.active | last.selection.resting))
         so_far = last.brought_to_rest
-        pulled = (k == 3) & jnp.any(so_far) & self.at_event.impacting & (rate < -self.rest_speed)
+        pulled = (turn == Turn.BROUGHT_TO_REST) & jnp.any(so_far) & self.at_event.impacting & (rate < -self.rest_speed)
         first = jnp.where(together, selection.active, so_far)
         wanted = jnp.where(together, rests, so_far | pulled)
         return independent_superset(self.at_event.geometry.delassus_matrix, first, wanted) & (more | ~together)

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Int
 
-from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
+from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
-from ..search.stretches import gap_kinds, search_guards, warn_of_sampled
+from ..search.gap_search import gap_kinds, search_guards, warn_of_sampled
 from ..status import Status
 from ..watch import Seen, Watch
 from .mode import ContactMode, EventKind
@@ -48,13 +48,13 @@ class SwitchedSystem(AbstractFlatSystem):
     contacts: MechanicalSystem
     rules: SwitchRules
     switch_count: int = eqx.field(static=True)
-    mode_like: Any
+    first_mode: Any
     """The scene's mode in which the motion begins."""
 
     def begin(self, contacts: MechanicalSystem, mode: ContactMode, x) -> tuple["SwitchedSystem", SwitchedMode]:
         """The system with these contacts, and the mode that it begins in at x; `choose` looks at its switches."""
         watch = Watch.blank(self.switch_count, x)
-        return dataclasses.replace(self, contacts=contacts), SwitchedMode(mode, self.mode_like, watch)
+        return dataclasses.replace(self, contacts=contacts), SwitchedMode(mode, self.first_mode, watch)
 
     def within(self, own) -> MechanicalSystem:
         """The system of contacts in a mode of the scene."""
@@ -96,14 +96,14 @@ class SwitchedSystem(AbstractFlatSystem):
     def warn_of_sampled(self, t, x):
         """Say which gaps and which switches are only sampled inside a step."""
         self.contacts.warn_of_sampled(t, x)
-        warn_of_sampled("Switches", lambda t, x: self._switches(t, x, self.mode_like), t, x)
+        warn_of_sampled("Switches", lambda t, x: self._switches(t, x, self.first_mode), t, x)
 
     def searches(self, t, x):
         """Whether a gap or a switch is curved."""
         return self.contacts.searches(t, x) or self._has_curved_switches(t, x)
 
     def _has_curved_switches(self, t, x) -> bool:
-        return bool((gap_kinds(lambda t, x: self._switches(t, x, self.mode_like), t, x)[0] >= Kind.CURVED).any())
+        return bool((gap_kinds(lambda t, x: self._switches(t, x, self.first_mode), t, x)[0] >= Kind.CURVED).any())
 
     def search(self, step: StepEnds, mode: SwitchedMode, tolerance, wanted) -> Searched:
         """Gaps and switches each by themselves; what is found first counts."""
@@ -134,7 +134,7 @@ class SwitchedSystem(AbstractFlatSystem):
         rises = mode.watch.is_silent(number)
         falls = (number >= 0) & ~rises
         after, own = lax.cond(falls, lambda: self._switch(number, t, x, mode.own), lambda: (x, mode.own))
-        contacts = self.within(own).choose(jnp.where(number >= 0, -2, event), t, after, mode.contacts)
+        contacts = self.within(own).choose(jnp.where(number >= 0, FLOW_JUMP, event), t, after, mode.contacts)
         among = jax.tree.map(lambda new, old: jnp.where(rises, old, new), contacts.mode, mode.contacts)
         after, _ = self.within(own).reset(contacts, t, after)
         seen = self._see(t, after, own, among, mode.watch)
@@ -144,7 +144,7 @@ class SwitchedSystem(AbstractFlatSystem):
             before, same = mode.watch.compare(self._switches, (mode.own, own), t, x, flow)
             return mode.watch.after(number, before, same, seen)
 
-        watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, seen, event == -1))
+        watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, seen, event == START))
         return dataclasses.replace(
             contacts,
             mode=SwitchedMode(among, own, watch),

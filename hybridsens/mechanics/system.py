@@ -13,10 +13,10 @@ from jaxtyping import Array, Float
 from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
 from ..numerics.tolerances import closeness
+from ..search.gap_search import gap_kinds, search_gaps, warn_of_sampled
 from ..search.path import Path
-from ..search.stretches import gap_kinds, search_gaps, warn_of_sampled
 from ..status import Status
-from .contact import Among, Instant, among_one, contact_geometry, gap_and_rate
+from .contact import Among, Instant, among_wanted, contact_geometry, gap_and_rate
 from .decisions import ImpactDetail, Limits, decide_transition
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .held import load_varies, search_load, search_way, supports_move
@@ -175,7 +175,7 @@ class MechanicalSystem(AbstractFlatSystem):
 
         wanted = detail.triggered | detail.support | detail.brought_to_rest
         nothing = jnp.zeros(wanted.shape, x.dtype)
-        impulse, (kick, closing_speed) = among_one(self.scene, wanted, Among(among, detail, nothing))
+        impulse, (kick, closing_speed) = among_wanted(self.scene, wanted, Among(among, detail, nothing))
         after = x.at[self.dof : 2 * self.dof].add(kick)
         return after, ImpactReport(impulse, closing_speed)
 

@@ -6,9 +6,9 @@ quickly when written out. Of more they are left to XLA: written out, all that an
 for each of them.
 
 XLA turns a reduction of 32 numbers or more into windows of 32 and what is left of these, and a running sum into as many
-windows as it has numbers. A loop over windows takes LLVM a twentieth of a second to compile: a motion of 64 contacts,
-which had three hundred of them, compiles in three quarters of the time without. And its numbers are taken one after the
-other, where the entries of pieces are taken side by side.
+windows as it has numbers. A loop over windows takes LLVM a twentieth of a second to compile, and a motion of 64
+contacts would have three hundred of them. And its numbers are taken one after the other, where the entries of pieces
+are taken side by side.
 """
 
 import functools

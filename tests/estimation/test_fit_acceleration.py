@@ -7,7 +7,7 @@ import pytest
 
 from hybridsens.estimation import acceleration, least_squares
 from hybridsens.estimation.descend import Limits, descend
-from hybridsens.estimation.optimizers import method
+from hybridsens.estimation.optimizers import chosen_method
 from hybridsens.estimation.problem import Trial
 from hybridsens.status import Status
 
@@ -69,7 +69,7 @@ def test_fewer_iterations_in_a_curved_valley(monkeypatch):
     """Assert that the end of a canyon is reached in at most a fifth of the iterations of straight steps (55, 637)."""
 
     def iterations(rtol):  # two settings, so that nothing compiled is shared
-        how = method(least_squares.LevenbergMarquardt(rtol))
+        how = chosen_method(least_squares.LevenbergMarquardt(rtol))
         done = descend(how, Canyon(), jnp.array([-1.2, 1.0]), Limits(1000, 500))
         np.testing.assert_allclose(done.z, [1, 1], atol=1e-4)
         return len(done.history) - 1

@@ -7,7 +7,7 @@ import numpy as np
 
 from hybridsens.flat_system import StepEnds
 from hybridsens.forward import inside
-from hybridsens.forward.inside import Before
+from hybridsens.forward.inside import Resolution
 
 CASES, GUARDS = 100_000, 2
 
@@ -26,19 +26,19 @@ def random_steps(seed, cases, guards):
     return guard0, guard1, rate0, rate1, h, noise, random.integers(0, 4, cases)
 
 
-def step_and_before(guard0, guard1, rate0, rate1, h, noise, shortenings):
+def step_and_resolution(guard0, guard1, rate0, rate1, h, noise, shortenings):
     none, t0 = jnp.zeros((0,)), jnp.asarray(1.0)
     step = StepEnds(t0, none, jnp.maximum(guard0, 0), rate0 / h, t0 + h, none, guard1, rate1 / h, none, 5)
     size = guard0.shape
-    return step, Before(jnp.full(size, 1e-14), noise, shortenings, jnp.asarray(20.0), jnp.full(size, 1e-8))
+    return step, Resolution(jnp.full(size, 1e-14), noise, shortenings, jnp.asarray(20.0), jnp.full(size, 1e-8))
 
 
 @jax.jit
 @jax.vmap
 def glance_and_look(*case):
-    step, before = step_and_before(*case)
-    far = jnp.all(inside._are_far(step, before)) & inside._is_long(step, before)
-    return far, inside._look(step, before), step.t1 - step.t0
+    step, resolution = step_and_resolution(*case)
+    far = jnp.all(inside._are_far(step, resolution)) & inside._is_long(step, resolution)
+    return far, inside._look(step, resolution), step.t1 - step.t0
 
 
 def test_nothing_is_found_in_a_step_that_a_glance_lets_through():
@@ -52,8 +52,8 @@ def test_nothing_is_found_in_a_step_that_a_glance_lets_through():
         assert not jnp.any(far & (found.to_go < 0.1 * h))  # a step that was to end on an event fell short of it
 
 
-def by_blocks(step, before):
-    return inside._look_by_blocks(step, before, inside._near(step, before))
+def by_blocks(step, resolution):
+    return inside._look_by_blocks(step, resolution, inside._near(step, resolution))
 
 
 def test_many_guards_are_looked_at_block_by_block():
@@ -67,8 +67,8 @@ def test_many_guards_are_looked_at_block_by_block():
         # Most guards are far; the few that are not may stand in any block.
         fixed = (guard0, 5.0), (guard1, 5.0), (rate0, 0.0), (rate1, 0.0)
         parts = [jnp.where(mixed, part, far) for part, far in fixed]
-        step, before = step_and_before(*parts, *rest)
-        return inside._look(step, before), by_blocks(step, before)
+        step, resolution = step_and_resolution(*parts, *rest)
+        return inside._look(step, resolution), by_blocks(step, resolution)
 
     seen = np.zeros(2, int)
     for seed in range(5):
@@ -89,7 +89,7 @@ def one_step(guards, **falling):
         end[int(name[1:])], fall[int(name[1:])] = value, by
     full = lambda value: jnp.full(guards, value)
     end, fall = jnp.asarray(end), jnp.asarray(fall)
-    return step_and_before(full(1.0), end, fall, fall, jnp.asarray(0.1), full(0.0), jnp.array(0))
+    return step_and_resolution(full(1.0), end, fall, fall, jnp.asarray(0.1), full(0.0), jnp.array(0))
 
 
 def test_a_step_that_ends_on_guards_of_several_blocks_lands_on_the_one_that_fell_first():
@@ -101,16 +101,18 @@ def test_a_step_that_ends_on_guards_of_several_blocks_lands_on_the_one_that_fell
 
 
 def test_an_unknown_guard_in_one_block_splits_the_step_whatever_another_shows():
-    step, before = one_step(3 * inside.BLOCK, g0=(-0.5, -1.5))
-    assert by_blocks(step, before).ends_early
-    found = by_blocks(step._replace(guard1=step.guard1.at[80].set(jnp.nan)), before)
+    step, resolution = one_step(3 * inside.BLOCK, g0=(-0.5, -1.5))
+    assert by_blocks(step, resolution).ends_early
+    found = by_blocks(step._replace(guard1=step.guard1.at[80].set(jnp.nan)), resolution)
     assert not found.known and not found.ends_early and found.split == 0.5 and jnp.isinf(found.t_root)
 
 
 def test_a_guard_that_is_no_number_is_looked_at():
     for name in ("guard1", "rate1", "guard0"):
         two = lambda value: jnp.full(2, value)
-        step, before = step_and_before(two(1.0), two(1.0), two(0.0), two(0.0), jnp.asarray(0.1), two(0.0), jnp.array(0))
-        assert jnp.all(inside._are_far(step, before))
+        step, resolution = step_and_resolution(
+            two(1.0), two(1.0), two(0.0), two(0.0), jnp.asarray(0.1), two(0.0), jnp.array(0)
+        )
+        assert jnp.all(inside._are_far(step, resolution))
         unknown = getattr(step, name).at[1].set(jnp.nan)
-        assert not jnp.all(inside._are_far(step._replace(**{name: unknown}), before))
+        assert not jnp.all(inside._are_far(step._replace(**{name: unknown}), resolution))

@@ -69,7 +69,7 @@ def test_laws_among_few_contacts_are_those_among_all(monkeypatch):
     ]
     run = jax.jit(lambda *given: one_event(*given))
     among_few = [run(*x) for x in given]
-    monkeypatch.setattr(contact, "MANY", 9)
+    monkeypatch.setattr(contact, "FEW", 9)
     run_all = jax.jit(lambda *given: one_event(*given))
     for x, found in zip(given, among_few, strict=True):
         assert bool(jnp.any(found[1].impulse > 0))
@@ -80,10 +80,10 @@ def test_laws_among_few_contacts_are_those_among_all(monkeypatch):
 @pytest.mark.slow
 def test_a_motion_among_few_contacts_is_that_among_all(monkeypatch):
     """A chain of nine looks at one contact alone where it can; told to look at all, it moves the same, to rounding."""
-    scene = ChainOfMasses(contact.MANY + 1)
+    scene = ChainOfMasses(contact.FEW + 1)
     (cost, motion), gradient = value_and_grad(scene, 6.0)
     assert motion.status == hs.Status.successful and motion.events.count > 10
-    monkeypatch.setattr(contact, "MANY", scene.mass.shape[0])
+    monkeypatch.setattr(contact, "FEW", scene.mass.shape[0])
     (cost_of_all, motion_of_all), gradient_of_all = eqx.filter_jit(
         eqx.filter_value_and_grad(lambda scene, t1: cost_and_motion(scene, t1), has_aux=True)
     )(scene, 6.0)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import pytest
 
 import hybridsens as hs
-from hybridsens.search import stretches
+from hybridsens.search import gap_search
 from tests.closeness import assert_close
 
 AT, WIDTH = 3.537, 1e-3
@@ -101,7 +101,7 @@ def test_what_is_sampled_is_told(name):
 def test_a_search_that_is_given_up_leads_to_shorter_steps(monkeypatch):
     """With few turns for each step it cannot look through a long one; then the step ends earlier, and is no less
     searched."""
-    monkeypatch.setattr(stretches, "TURNS", 3)
+    monkeypatch.setattr(gap_search, "TURNS", 3)
     motion = run(lambda z: jnp.arcsinh(z), max_steps=8192)  # a function of its own: what was compiled before has TURNS
     assert_close(motion.events.time[0], AT - WIDTH, 1e-9)
 
