@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from . import planar, scenes, systems
 from .adjoint.methods import (
     AbstractGradientMethod,
+    AnyMode,
     ContinuousCostate,
     DiffraxAdjoint,
     ForwardSensitivities,
@@ -113,6 +114,7 @@ __all__ = [
     "AbstractScene",
     "AbstractSwitchedScene",
     "Animation",
+    "AnyMode",
     "Comparison",
     "ContinuousCostate",
     "DelayQueue",

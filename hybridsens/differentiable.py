@@ -17,6 +17,7 @@ from .passes import BackwardOptions, Options, Problem, go_back, go_forward, vary
 from .reported import Reported, report
 from .validation.direction import FORWARD_OVER_REVERSE, forward_only
 from .xla.batches import Done, Mapped
+from .xla.linear_map import LinearMap, tangent_types
 from .xla.packed import Packed, pack
 from .xla.single_kernel import in_one_kernel
 from .xla.tracing import TracedOnce
@@ -36,14 +37,15 @@ def differentiable_motion(
 ) -> Reported:
     """Motion of a hybrid system from (t0, x0) to t1, differentiable in all of `problem`.
 
-    In reverse mode, and forward over reverse, or in forward mode where the gradient method serves that.
+    In reverse mode, and forward over reverse; in forward mode; or in both: as the gradient method serves them.
     """
     problem = problem._replace(system=TracedOnce(problem.system))
     # JAX traces the rule below under the mesh that it finds, named; were it not named here, all would be traced twice.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
-        if adjoint is not None and adjoint.forward_mode:
+        adjoint = adjoint or Replay()
+        if not adjoint.reverse_mode:
             return _move(problem, options)[0]
-        return _solve_in_reverse(problem, options, adjoint or Replay())
+        return (_solve_in_any_mode if adjoint.forward_mode else _solve_in_reverse)(problem, options, adjoint)
 
 
 @eqx.filter_custom_vjp
@@ -62,6 +64,43 @@ def _solve_fwd(perturbed, problem, options, adjoint):
 def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
     way = BackwardOptions(adjoint, perturbed.t0, perturbed.t1)
     return forward_only(_backward(problem, options, motion, cotangent, way), FORWARD_OVER_REVERSE)
+
+
+@eqx.filter_custom_jvp
+def _solve_in_any_mode(problem: Problem, options: Options, adjoint: AbstractGradientMethod) -> Reported:
+    del adjoint
+    return _move(problem, options)[0]
+
+
+@_solve_in_any_mode.def_jvp
+def _solve_in_any_mode_jvp(primals, tangents):
+    """The variation of a motion, as a linear map whose transpose is the way back."""
+    problem, options, adjoint = primals
+    (d_problem, *_) = tangents
+    leaves, direction = jax.tree.flatten(d_problem)
+    is_none = lambda x: x is None
+    perturbed = [d is not None for d in jax.tree.leaves(d_problem, is_leaf=is_none)]
+    way = BackwardOptions(adjoint, d_problem.t0 is not None, d_problem.t1 is not None)
+    reported, record = _move(problem, options)
+    dynamic, static = eqx.partition((problem, options, way, record), eqx.is_array)
+    constants, tree = jax.tree.flatten(dynamic)
+    known = lambda constants: eqx.combine(tree.unflatten(constants), static)
+    observables = jax.tree.structure(reported.observed)
+
+    # A linear map may be transposed, but none that has been varied itself: that is refused in plain words.
+    def forward(constants, leaves):
+        problem, options, _, record = known(constants)
+        varied = _from_record(vary_forward, (problem, options), record, direction.unflatten(leaves), directions=True)
+        return observables.flatten_up_to(forward_only(varied, FORWARD_OVER_REVERSE))
+
+    def backward(constants, cotangents):
+        problem, options, way, record = known(constants)
+        back = _from_record(go_back, (problem, options, way), record, observables.unflatten(cotangents))
+        back = jax.tree.leaves(forward_only(back, FORWARD_OVER_REVERSE), is_leaf=is_none)
+        return [cotangent for cotangent, wanted in zip(back, perturbed, strict=True) if wanted]
+
+    varied = LinearMap(forward, backward)(constants, leaves, tangent_types(reported.observed))
+    return reported, jax.tree.map(lambda _: None, reported)._replace(observed=observables.unflatten(varied))
 
 
 @eqx.filter_jit  # JAX traces a function with a derivative rule, and then its rule: the second time it is looked up

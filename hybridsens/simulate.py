@@ -143,7 +143,7 @@ def simulate(
         written = again.args[0]
         shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
         trajectory = raise_unless_successful(trajectory, shown)
-    trajectory = forward_only(trajectory) if adjoint.forward_mode else trajectory
+    trajectory = trajectory if adjoint.reverse_mode else forward_only(trajectory)
     known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
     return trajectory.come_from(again.args[0], again) if known else trajectory
 

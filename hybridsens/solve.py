@@ -113,7 +113,7 @@ def solve(
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:
         solution = raise_unless_successful(solution, last_events)
-    solution = forward_only(solution) if adjoint.forward_mode else solution
+    solution = solution if adjoint.reverse_mode else forward_only(solution)
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 
 

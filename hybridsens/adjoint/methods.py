@@ -25,7 +25,9 @@ class AbstractGradientMethod(eqx.Module):
     rtol: float | None = eqx.field(default=None, static=True, kw_only=True)
 
     forward_mode: ClassVar[bool] = False
-    """Whether it serves `jax.jvp` and `jax.jacfwd` in the place of `jax.grad`: then nothing is ever carried back."""
+    """Whether it serves `jax.jvp` and `jax.jacfwd`."""
+    reverse_mode: ClassVar[bool] = True
+    """Whether it serves `jax.grad` and `jax.vjp`. If not, nothing is ever carried back."""
 
     @abc.abstractmethod
     def carry_back(self, step: RecordedStep, psi: Any) -> StepBack:
@@ -75,6 +77,20 @@ class Replay(AbstractGradientMethod):
     @property
     def segment_room(self) -> int | None:
         return self.segment_steps if self.recompute else None
+
+
+class AnyMode(AbstractGradientMethod):
+    """Forward mode as by `ForwardSensitivities()`, reverse mode as by `Replay()`, and one made of the other.
+
+    Serves what differentiates forward and then transposes: the derivative of a root of what a motion returns
+    (`optimistix.root_find`: a periodic orbit, shooting), Gauss-Newton steps by products with J and J^T,
+    `jax.linear_transpose` of `jax.linearize`. Costs what the two cost; refuses only reverse mode over another mode.
+    """
+
+    forward_mode: ClassVar[bool] = True
+
+    def carry_back(self, step: RecordedStep, psi: Any) -> StepBack:
+        return exact_adjoint(step, psi)
 
 
 class ContinuousCostate(AbstractGradientMethod):
@@ -137,6 +153,7 @@ class ForwardSensitivities(AbstractGradientMethod):
     """
 
     forward_mode: ClassVar[bool] = True
+    reverse_mode: ClassVar[bool] = False
 
     def carry_back(self, step: RecordedStep, psi: Any) -> StepBack:
         raise TypeError("ForwardSensitivities() carries tangents forward: it has no way back.")

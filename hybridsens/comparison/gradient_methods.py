@@ -47,7 +47,7 @@ DEFAULT_ADJOINTS: tuple[AbstractGradientMethod, ...] = (
 
 def from_adjoint(adjoint: AbstractGradientMethod, **settings) -> GradientMethod:
     """A gradient method of `hybridsens.simulate` and `hybridsens.solve`; `settings` go to them."""
-    mode: Mode = "forward" if adjoint.forward_mode else "reverse"
+    mode: Mode = "reverse" if adjoint.reverse_mode else "forward"
     bound = partial(move, adjoint=adjoint, throw=False, **settings)
     return GradientMethod(type(adjoint).__name__, bound, mode)
 
