@@ -19,6 +19,7 @@ from .primitives import (
     select,
     select_condition,
 )
+from .tables import interpolated, is_interpolation
 
 CALLS = {"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint", "remat2"}
 """Primitives that hold a program of their own."""
@@ -50,6 +51,8 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
     """Results of one equation: arrays where nothing that it reads moves, else jets or conditions."""
     name, params = equation.primitive.name, equation.params
     if name in CALLS:
+        if isinstance(operands[0], Jet) and _reads_a_table(equation, operands):
+            return [interpolated(*operands)]
         return _run(*inner_jaxpr(equation), operands)
     if name == "cond" and not isinstance(operands[0], Jet | Truth):
         cases = [_run(branch.jaxpr, branch.consts, operands[1:]) for branch in params["branches"]]
@@ -64,6 +67,11 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
     if outcome is None:
         return [_unknown(variable.aval) for variable in equation.outvars]
     return [_spread(outcome, equation.outvars[0].aval.shape)]
+
+
+def _reads_a_table(equation, operands) -> bool:
+    """Whether it interpolates in a table of numbers that stand still."""
+    return not any(isinstance(x, Jet | Truth) for x in operands[1:]) and is_interpolation(equation)
 
 
 def _entry(x: Jet | Truth, k: int, axis: int) -> Jet | Truth:

@@ -8,6 +8,7 @@ import numpy as np
 
 from .enclosure import CALLS, inner_jaxpr
 from .primitives import BINARY, LINEAR_SHAPES, LOGIC, PLACED, UNARY
+from .tables import is_interpolation
 
 
 class Kind(enum.IntEnum):
@@ -56,6 +57,8 @@ def _kinds(equation, operands: list[np.ndarray]) -> list[np.ndarray]:
     if worst == Kind.CONSTANT:
         return [np.zeros(shape, int) for shape in shapes]
     if name in CALLS:
+        if not any(x.any() for x in operands[1:]) and is_interpolation(equation):
+            return [np.broadcast_to(np.where(operands[0] > 0, np.maximum(operands[0], Kind.CURVED), 0), *shapes)]
         jaxpr, constants = inner_jaxpr(equation)
         return _run(jaxpr, [np.zeros(np.shape(x), int) for x in constants], operands)
     if name == "cond" and not operands[0].any():  # by the mode, say

@@ -16,6 +16,8 @@ SAMPLES = 41
 WHICH = jnp.array([1])
 WEIGHTS = np.array([1.0, 2.0, 4.0])
 MATRIX = np.array([[1.0, -2.0], [0.5, 3.0]])
+TABLE = np.array([[-1.0, -0.2, 0.1, 0.8], [0.3, -1.0, 1.2, 0.5]])
+"""Places, and values there."""
 FUNCTIONS = {
     "polynomial": lambda x, y: x**3 - 2 * x * x * y + y**2 - 1.5,
     "quotient": lambda x, y: x / (2 + y * y) - 1 / (3 + jnp.sin(x)),
@@ -46,6 +48,8 @@ FUNCTIONS = {
     "cases of cases": lambda x, y: jnp.where(jnp.where(x > y, x > 0.2, y > 0.1) == (y > 0.3), x, x * y),
     "rounded corner": lambda x, y: jnp.logaddexp(3 * x, y + 0.2),
     "cases by constants": lambda x, y: jnp.where(jnp.where(MATRIX[0] > 0, x > y, y > 0), x, y) @ MATRIX[1],
+    "tables": lambda x, y: y * jnp.interp(x, *TABLE) - MATRIX[0] @ jnp.interp(jnp.stack([x * y, y]), *TABLE),
+    "a table that jumps": lambda x, y: jnp.interp(x + y, jnp.array([-0.5, 0.2, 0.2, 0.9]), TABLE[1]),
     "branches": lambda x, y: jax.lax.switch(WHICH[0], [lambda: x + y, lambda: jnp.where(x > y, 1.0, x * y)]),
     "jumps": lambda x, y: jnp.sign(x) + jnp.floor(3 * y) + (x >= 0.5) * y,
     "integers": lambda x, y: x - jnp.where(x > y, 0, 1),
@@ -150,7 +154,7 @@ def test_kinds_are_told_entry_by_entry():
     by_mode = lambda q: jax.lax.switch(WHICH[0], [lambda q: 2 * q[0], lambda q: 1 - q[1]], q)
 
     def gap(t, q):
-        unknown = jnp.interp(q[0], table, table)
+        unknown = jnp.interp(q[0], table, table, left="extrapolate")
         return jnp.stack([table[1], 2 * q[0] - t / 3, q[0] * q[1], unknown, jnp.where(q[1] > 0, 1.0, 2.0), by_mode(q)])
 
     trace = jax.make_jaxpr(gap)(0.0, jnp.zeros(2))

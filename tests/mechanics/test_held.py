@@ -1,5 +1,6 @@
 """What a held contact meets inside of a step: while all is held, or slides freely, nothing else limits the steps."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -148,16 +149,26 @@ def test_pulses_of_any_length_are_found(loads):
 
 
 class FromATable(Magnet):
+    """It pulls by up to `lift` between 9.9 and 10.1 only."""
+
     known_discontinuities = True
+    beyond: str | None = eqx.field(static=True, default=None)
 
     def force(self, t, q, v):
-        of_place = jnp.interp(q[0], jnp.array([0.0, 9.9, 10.0, 10.1]), jnp.array([0.0, 0.0, 1.0, 0.0]))
-        return jnp.stack([0 * t, self.lift * of_place - 1.0])
+        places, pull = jnp.array([0.0, 9.9, 10.0, 10.1]), jnp.array([0.0, 0.0, 1.0, 0.0])
+        return jnp.stack([0 * t, self.lift * jnp.interp(q[0], places, pull, left=self.beyond) - 1.0])
+
+
+def test_a_load_that_a_table_tells_is_seen():
+    """At a slide of 1 m/s, where the table tells a third."""
+    motion = hs.simulate(FromATable(jnp.array(LIFT)), hs.State([0.0, 0.0], [1.0, 0.0]), t1=12.0)
+    assert motion.events.kind[0] == hs.EventKind.RELEASE and abs(motion.events.time[0] - 9.9 - 0.1 / 3) < 1e-8
 
 
 def test_a_load_without_bounds_is_told_to_be_sampled():
+    """A table that goes on beyond its ends, say."""
     with pytest.warns(UserWarning, match=r"Forces on held contacts \[1\] are read from a table"):
-        hs.simulate(FromATable(jnp.array(LIFT)), hs.State([0.0, 0.0], [1.0, 0.0]), t1=12.0)
+        hs.simulate(FromATable(jnp.array(LIFT), "extrapolate"), hs.State([0.0, 0.0], [1.0, 0.0]), t1=12.0)
 
 
 class Approached(hs.AbstractScene):

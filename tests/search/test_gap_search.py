@@ -56,7 +56,9 @@ class Table(Thrown):
     known_discontinuities = True
 
     def gap(self, t, q):
-        roof = jnp.interp(q[0], jnp.stack([-self.p[0], 0 * self.p[0], self.p[0]]), jnp.stack([0.0, 1.0, 0.0]))
+        roof = jnp.interp(
+            q[0], jnp.stack([-self.p[0], 0 * self.p[0], self.p[0]]), jnp.stack([0.0, 1.0, 0.0]), left="extrapolate"
+        )
         return (q[1] + 1 - (1 + self.p[1]) * roof)[None]
 
 

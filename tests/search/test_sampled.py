@@ -19,7 +19,7 @@ def dip(of, x):
     return of(((x - AT) / WIDTH) ** 2 - 1)
 
 
-TABLE = lambda z: jnp.interp(z, jnp.array([-1.0, 0.0, 1.0]), jnp.array([-1.0, 0.0, 1.0]))
+TABLE = lambda z: jnp.interp(z, jnp.array([-1.0, 0.0, 1.0]), jnp.array([-1.0, 0.0, 1.0]), left="extrapolate")
 BOUNDED = {
     "asin": lambda z: jnp.arcsin(z / (2 + jnp.sqrt(1 + z * z))),
     "acos": lambda z: jnp.pi / 2 - jnp.arccos(z / (2 + jnp.sqrt(1 + z * z))),
@@ -28,6 +28,7 @@ BOUNDED = {
     "atanh": lambda z: jnp.arctanh(z / (2 + jnp.sqrt(1 + z * z))),
     "atan2": lambda z: jnp.arctan2(z, 1.0),
     "cbrt": lambda z: jnp.cbrt(z + 9) - jnp.cbrt(9.0),
+    "table": lambda z: jnp.interp(z, jnp.array([-1.0, 0.2, 1.0]), jnp.array([-1.0, 0.2, 5.0])),
 }
 
 
@@ -106,14 +107,14 @@ def test_a_search_that_is_given_up_leads_to_shorter_steps(monkeypatch):
     assert_close(motion.events.time[0], AT - WIDTH, 1e-9)
 
 
-QUICK = ("atan2", "cbrt")
+QUICK = ("atan2", "cbrt", "table")
 """The bounds of each of these functions have tests of their own."""
 
 
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in BOUNDED]
 )
-def test_a_dip_is_met_through_inverse_functions(name):
+def test_a_dip_is_met_through_functions_with_bounds(name):
     """At AT - WIDTH, in steps as long as they like."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
