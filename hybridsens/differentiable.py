@@ -13,6 +13,7 @@ from jax import lax
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .forward.record import Motion
 from .forward.short_record import is_whole, lengthened, shortened
+from .observables import Observables
 from .passes import BackwardOptions, Options, Problem, go_back, go_forward, vary_forward
 from .reported import Reported, report
 from .validation.direction import FORWARD_OVER_REVERSE, forward_only
@@ -63,7 +64,7 @@ def _solve_fwd(perturbed, problem, options, adjoint):
 @_solve_in_reverse.def_bwd
 def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
     way = BackwardOptions(adjoint, perturbed.t0, perturbed.t1)
-    return forward_only(_backward(problem, options, motion, cotangent, way), FORWARD_OVER_REVERSE)
+    return _backward(problem, options, motion, cotangent.observed, way)
 
 
 @eqx.filter_custom_jvp
@@ -87,7 +88,7 @@ def _solve_in_any_mode_jvp(primals, tangents):
     known = lambda constants: eqx.combine(tree.unflatten(constants), static)
     observables = jax.tree.structure(reported.observed)
 
-    # A linear map may be transposed, but none that has been varied itself: that is refused in plain words.
+    # A variation that was varied itself may not be transposed: that is refused in plain words.
     def forward(constants, leaves):
         problem, options, _, record = known(constants)
         varied = _from_record(vary_forward, (problem, options), record, direction.unflatten(leaves), directions=True)
@@ -95,8 +96,8 @@ def _solve_in_any_mode_jvp(primals, tangents):
 
     def backward(constants, cotangents):
         problem, options, way, record = known(constants)
-        back = _from_record(go_back, (problem, options, way), record, observables.unflatten(cotangents))
-        back = jax.tree.leaves(forward_only(back, FORWARD_OVER_REVERSE), is_leaf=is_none)
+        back = _backward(problem, options, record, observables.unflatten(cotangents), way)
+        back = jax.tree.leaves(back, is_leaf=is_none)
         return [cotangent for cotangent, wanted in zip(back, perturbed, strict=True) if wanted]
 
     varied = LinearMap(forward, backward)(constants, leaves, tangent_types(reported.observed))
@@ -130,9 +131,9 @@ def _move(problem: Problem, options: Options) -> tuple[Reported, Record]:
     return done.result, Record(done.kept, done.residuals)
 
 
-def _backward(problem: Problem, options: Options, record: Record, cotangent: Reported, way: BackwardOptions) -> Problem:
-    """Cotangents of the problem from those of the report (None where nothing depends on an entry)."""
-    return _from_record(go_back, (problem, options, way), record, cotangent.observed)
+def _backward(problem: Problem, options: Options, record: Record, cotangent: Observables, way: BackwardOptions):
+    """Cotangents of the problem (None where nothing depends on an entry). They may be varied, but not transposed."""
+    return forward_only(_from_record(go_back, (problem, options, way), record, cotangent), FORWARD_OVER_REVERSE)
 
 
 def _from_record(function: Callable, asked: tuple, record: Record, given: Any, directions: bool = False) -> Any:

@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "adjoint": {"flat_system", "forward", "xla", "numerics", "observables"},
     "reported": {"forward", "flat_system", "observables", "status"},
     "passes": {"flat_system", "forward", "adjoint", "numerics", "observables", "reported", "status"},
-    "differentiable": {"passes", "reported", "adjoint", "forward", "validation", "xla"},
+    "differentiable": {"passes", "reported", "observables", "adjoint", "forward", "validation", "xla"},
     "export": {"status"},
     "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch", "discontinuities"} | BASE,
     "watch": {"numerics"},

@@ -11,6 +11,7 @@ import numpy as np
 
 from .enclosure import CALLS, inner_jaxpr
 from .primitives import LINEAR_SHAPES
+from .tables import NAMES as INTERPOLATIONS
 
 Names = frozenset[str]
 NONE: Names = frozenset()
@@ -52,7 +53,7 @@ JUMPS = {
 INDEXED = {"gather", "dynamic_slice", "dynamic_update_slice", "scatter", "scatter-add", "scatter_add"}
 SMOOTH_CALLS = {"logaddexp", "logaddexp2", "hypot", "sinc", "nextafter"}
 """Functions of JAX that are smooth, although they select inside (`hypot` but for the origin)."""
-KINKED_CALLS = {"interp": "jnp.interp", "_interp": "jnp.interp", "clip": "jnp.clip", "relu": "relu"}
+KINKED_CALLS = dict.fromkeys(INTERPOLATIONS, "jnp.interp") | {"clip": "jnp.clip", "relu": "relu"}
 JUMPING_CALLS = {"remainder": "%", "floor_divide": "//", "searchsorted": "jnp.searchsorted", "digitize": "jnp.digitize"}
 SHAPES = (LINEAR_SHAPES - {"cumsum", "reduce_sum", "concatenate", "stack", "pad"}) | {"neg"}
 POSITIVE = {"exp", "exp2", "logistic", "cosh", "square", "sqrt", "abs"}

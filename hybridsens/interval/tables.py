@@ -14,6 +14,7 @@ from .arithmetic import Interval, outward
 from .jet import Jet
 
 NAMES = ("interp", "_interp")
+"""What JAX calls its program."""
 
 
 def is_interpolation(equation) -> bool:
@@ -35,21 +36,25 @@ def _default(types) -> str:
 def interpolated(x: Jet, places, values) -> Jet:
     """`jnp.interp(x, places, values)`: of the places inside the range of x the values, and of all stretches that it
     meets the slopes; a second derivative only where it is one stretch."""
+    places, values = (jnp.asarray(numbers, jnp.result_type(numbers, float)) for numbers in (places, values))
     low, high = x.value.low[..., None], x.value.high[..., None]
     inside = (places >= low) & (places <= high)
     ends = [jnp.interp(end, places, values) for end in x.value]
-    lowest = jnp.minimum(jnp.min(jnp.where(inside, values, jnp.inf), axis=-1), jnp.minimum(*ends))
-    highest = jnp.maximum(jnp.max(jnp.where(inside, values, -jnp.inf), axis=-1), jnp.maximum(*ends))
+    lowest, highest = _extremes(values, inside)
+    lowest, highest = jnp.minimum(lowest, jnp.minimum(*ends)), jnp.maximum(highest, jnp.maximum(*ends))
     margin = 8 * jnp.finfo(values.dtype).eps * jnp.max(jnp.abs(values))  # a value is a difference of its neighbours
 
     beyond = jnp.zeros(1, values.dtype)
     slopes = jnp.concatenate([beyond, jnp.diff(values) / jnp.diff(places), beyond])
     starts, stops = jnp.append(-jnp.inf, places), jnp.append(places, jnp.inf)
     met = (starts <= high) & (stops >= low)
-    slope = outward(*(reduce(jnp.where(met, slopes, away), axis=-1) for reduce, away in _EXTREMES))
+    slope = outward(*_extremes(slopes, met))
     straight = jnp.where(jnp.any(inside, axis=-1), jnp.nan, 0.0)
     value = Interval(lowest - margin, highest + margin)
     return J.composed(x, value, slope, Interval(straight, straight))
 
 
-_EXTREMES = ((jnp.min, jnp.inf), (jnp.max, -jnp.inf))
+def _extremes(numbers, which):
+    """The least and the largest of those that are chosen along the last axis."""
+    of = lambda reduce, none: reduce(jnp.where(which, numbers, none), axis=-1)
+    return of(jnp.min, jnp.inf), of(jnp.max, -jnp.inf)

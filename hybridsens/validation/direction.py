@@ -14,7 +14,7 @@ from jax.interpreters import ad, batching, mlir
 
 IMPLICIT = (
     " A root of what a motion returns (optimistix.root_find: a periodic orbit, shooting) is differentiated implicitly, "
-    "in forward mode that is then transposed: adjoint=hybridsens.AnyMode() serves that, and all of these."
+    "in forward mode that is then transposed: adjoint=hybridsens.AnyMode() serves that, and each of the two modes."
 )
 REVERSE_ONLY = (
     "This gradient method serves reverse mode (jax.grad, jax.vjp, jax.jacrev), and second derivatives by "

@@ -9,6 +9,9 @@ import hybridsens as hs
 from tests.closeness import assert_close
 
 ANY = hs.AnyMode()
+APART = 1e-7
+"""Forward and reverse mode cut their steps each by its own error: here they differ by 1.4e-9, second derivatives by
+4e-8."""
 P = jnp.array([9.81, 0.8, 1.0, 0.0, 1.5])
 """Weight, restitution, height, start and end."""
 
@@ -57,7 +60,7 @@ def test_a_linear_map_and_its_transpose(jacobian):
     """J v and J^T w of one `jax.linearize`, as Gauss-Newton steps by products take them."""
     along = jax.linearize(observed, P)[1]
     v, w = jnp.arange(5.0), jnp.arange(1.0, 8.0)
-    assert_close(along(v), jacobian @ v, 1e-8)
+    assert_close(along(v), jacobian @ v, APART)
     assert_close(jax.linear_transpose(along, P)(w)[0], jacobian.T @ w, 1e-12)
 
 
@@ -70,14 +73,14 @@ def test_batches_in_any_order(jacobian):
     assert_close(jax.jit(jax.grad(of_all))(batch), each, 1e-13)
     shared = lambda factor: of_all(batch.at[:, 0].multiply(factor))
     assert_close(jax.grad(shared)(1.0), jnp.sum(each[:, 0] * batch[:, 0]), 1e-13)
-    assert_close(jax.jacfwd(jax.vmap(observed))(batch)[0, :, 0], jacobian, 1e-7)
+    assert_close(jax.jacfwd(jax.vmap(observed))(batch)[0, :, 0], jacobian, APART)
 
 
 def test_second_derivatives():
     """Forward over reverse and over forward; reverse mode over another mode is refused by the name of what serves."""
     hessian = jax.hessian(cost)(P, hs.Replay())
     assert_close(jax.hessian(cost)(P), hessian, 1e-13)
-    assert_close(jax.jacfwd(jax.jacfwd(cost))(P), hessian, 1e-7)
+    assert_close(jax.jacfwd(jax.jacfwd(cost))(P), hessian, APART)
     along = lambda p: jax.jvp(cost, (p,), (P,))[1]
     for refused in (jax.jacrev(jax.grad(cost)), jax.grad(along)):
         with pytest.raises(TypeError, match=r"use jax.jacfwd\(jax.grad\(...\)\) or jax.hessian"):

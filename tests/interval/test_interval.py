@@ -49,6 +49,7 @@ FUNCTIONS = {
     "rounded corner": lambda x, y: jnp.logaddexp(3 * x, y + 0.2),
     "cases by constants": lambda x, y: jnp.where(jnp.where(MATRIX[0] > 0, x > y, y > 0), x, y) @ MATRIX[1],
     "tables": lambda x, y: y * jnp.interp(x, *TABLE) - MATRIX[0] @ jnp.interp(jnp.stack([x * y, y]), *TABLE),
+    "a table of integers": lambda x, y: jnp.interp(3 * x, np.arange(-1, 3), jnp.array([2, 0, 1, -1])) * y,
     "a table that jumps": lambda x, y: jnp.interp(x + y, jnp.array([-0.5, 0.2, 0.2, 0.9]), TABLE[1]),
     "branches": lambda x, y: jax.lax.switch(WHICH[0], [lambda: x + y, lambda: jnp.where(x > y, 1.0, x * y)]),
     "jumps": lambda x, y: jnp.sign(x) + jnp.floor(3 * y) + (x >= 0.5) * y,
