@@ -46,7 +46,7 @@ def raise_unless_successful(trajectory: Motion, describe: Callable[[Any], str] =
         one = _one_or_raise(worst)  # a factor, so that what a gradient comes from has been checked too
         return jax.tree.map(lambda leaf: _times(leaf, one) if eqx.is_array(leaf) else leaf, trajectory)
     if worst != Status.successful.code:
-        raise SimulationError(_message(worst) + describe(trajectory))
+        raise SimulationError(_message(worst) + _steps_told(trajectory) + describe(trajectory))
     return trajectory
 
 
@@ -77,6 +77,14 @@ def _message(code) -> str:
     status = Status(np.asarray(code))
     became = "could not begin" if status.at_start else "did not reach its end"
     return f"The motion {became} ({Status.names()[int(code)]}): {status.message}"
+
+
+def _steps_told(motion: Any) -> str:
+    """How many of the steps were kept, of one motion that tried too many and can be seen: where there are few, the
+    steps were too short for its errors or its events, and no room for more of them would help."""
+    if any(isinstance(n, jax.core.Tracer) for n in motion.steps) or motion.status != Status.max_steps_reached:
+        return ""
+    return f" Of {sum(map(int, motion.steps))} steps tried {int(motion.steps.accepted)} were kept."
 
 
 @jax.custom_batching.custom_vmap

@@ -16,6 +16,7 @@ from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .forward.solver import RunSettings
 from .mechanics.checks import check_kinds, check_room, check_shapes
+from .mechanics.condensed import condensed
 from .mechanics.event_table import shown_by_values
 from .mechanics.mass import with_known_mass
 from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
@@ -175,7 +176,8 @@ def _simulate(
     warn_of_discontinuities(contacts.scene, t0, state.q, state.v, contacts.running_cost, declared)
     if isinstance(system, SwitchedSystem):
         warn_of_switch(system.rules, contacts.scene, t0, state.q, state.v, system.first_mode)
-    contacts = dataclasses.replace(contacts, scene=with_known_mass(contacts.scene, state.q))
+    scene = with_known_mass(condensed(contacts.scene, t0, state.q, state.v), state.q)
+    contacts = dataclasses.replace(contacts, scene=scene)
     cost = Shapes.of(jax.eval_shape(lambda: contacts.cost_rate(t0, state.q, state.v)))
     x0 = jnp.concatenate([state.q, state.v, jnp.zeros(cost.size, state.q.dtype)])
     mode = open_mode(jax.eval_shape(contacts.scene.gap, t0, state.q).shape[0], state.q.dtype)

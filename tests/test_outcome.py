@@ -89,3 +89,12 @@ def test_shard_map_is_told_what_it_needs():
     with pytest.raises(ValueError, match=r"check_vma=False.*\['lane'\]"):
         shard()(W[None])
     assert jnp.allclose(shard(check_vma=False)(W[None]), -0.005, rtol=1e-9)
+
+
+def test_the_error_tells_how_many_of_the_steps_were_kept():
+    """Of a batch there is one message for all, without numbers."""
+    few = lambda t1: hs.simulate(RestlessBall(W, W / 12), hs.State([1.0], [0.0]), t1=t1, max_steps=4).final.q
+    with pytest.raises(hs.SimulationError, match=r"Of 4 steps tried [0-4] were kept"):
+        few(2.0)
+    with pytest.raises(hs.SimulationError, match="one already"):
+        jax.vmap(few)(jnp.array([2.0, 3.0]))

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from . import jet as J
@@ -63,6 +64,8 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
         return list(outcome) if equation.primitive.multiple_results else [outcome]
     if name == "unstack":  # x, y = q
         return [_entry(operands[0], k, params["axis"]) for k in range(len(equation.outvars))]
+    if name == "split":  # what a derivative by an array that was put together is taken apart by
+        return _pieces(operands[0], params["sizes"], params["axis"])
     outcome = _rule(name, params, operands, bind)
     if outcome is None:
         return [_unknown(variable.aval) for variable in equation.outvars]
@@ -76,7 +79,17 @@ def _reads_a_table(equation, operands) -> bool:
 
 def _entry(x: Jet | Truth, k: int, axis: int) -> Jet | Truth:
     """One entry along an axis."""
-    take = lambda part: lax.index_in_dim(part, k, axis, keepdims=False)
+    return _taken(x, lambda part: lax.index_in_dim(part, k, axis, keepdims=False))
+
+
+def _pieces(x: Jet | Truth, sizes, axis: int) -> list[Jet | Truth]:
+    """Pieces of these sizes along an axis."""
+    ends = np.cumsum(sizes).tolist()
+    cut = lambda size, end: lambda part: lax.slice_in_dim(part, end - size, end, axis=axis)
+    return [_taken(x, cut(size, end)) for size, end in zip(sizes, ends, strict=True)]
+
+
+def _taken(x: Jet | Truth, take: Callable) -> Jet | Truth:
     return Truth(*map(take, x)) if isinstance(x, Truth) else J.linear(take, x)
 
 

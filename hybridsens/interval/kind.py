@@ -67,6 +67,8 @@ def _kinds(equation, operands: list[np.ndarray]) -> list[np.ndarray]:
         return [np.asarray(np.maximum.reduce(results)) for results in zip(*cases, strict=True)]
     if name == "unstack":
         return [np.asarray(np.take(operands[0], k, equation.params["axis"])) for k in range(len(shapes))]
+    if name == "split":
+        return np.split(operands[0], np.cumsum(equation.params["sizes"])[:-1], equation.params["axis"])
     if name in MOVES:
         return [MOVES[name](equation.params, *operands)]
     if name in UNARY or name in BINARY:

@@ -33,7 +33,7 @@ def load_varies(scene: AbstractScene, t, q, v) -> bool:
     still, moves = (np.full(q.shape, kind) for kind in (Kind.CONSTANT, Kind.AFFINE))
     walls = jax.make_jaxpr(scene.gap)(t, q)
     carried = (kinds(walls, [np.array(Kind.AFFINE), still]) > Kind.CONSTANT).any()
-    trace = jax.make_jaxpr(scene.force)(t, q, v)
+    trace = jax.make_jaxpr(scene._load)(t, q, v)
     place = moves if carried or q.shape[0] > 1 else still
     return bool((kinds(trace, [np.array(Kind.AFFINE), place, still]) >= Kind.CURVED).any())
 
@@ -63,7 +63,7 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
 
         def force(t, q):
             s = (t - t0) / h
-            load = scene.force(t, q, v0 + s * (v1 - v0))
+            load = scene._load(t, q, v0 + s * (v1 - v0))
             if not moved:
                 return load
             return load + jax.vjp(lambda q: scene.gap(t, q), q)[1](held0 + s * (held1 - held0))[0]

@@ -69,11 +69,18 @@ class LagrangianScene(AbstractScene):
 
     def force(self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, "dof"]:
         """F = dT/dq - (d2T/dv dq) v - dV/dq - dR/dv + Q."""
-        lagrangian = lambda q: self._kinetic(q, v) - self._potential(q)
         momentum = lambda q: jax.grad(self._kinetic, argnums=1)(q, v)
         convected = jax.jvp(momentum, (q,), (v,))[1]  # how dT/dv changes because q does
+        return jax.grad(self._kinetic)(q, v) - convected + self._without_inertia(t, q, v)
+
+    def _load(self, t, q, v):
+        written = type(self).force is not LagrangianScene.force
+        return self.force(t, q, v) if written else self._without_inertia(t, q, v)
+
+    def _without_inertia(self, t, q, v):
+        """-dV/dq - dR/dv + Q."""
         dissipated = jax.grad(lambda v: _scalar(Asked.of(self, "dissipation(q, v)"), q, v))(v)
-        return jax.grad(lagrangian)(q) - convected - dissipated + _applied(self, t, q, v)
+        return _applied(self, t, q, v) - jax.grad(self._potential)(q) - dissipated
 
     def _kinetic(self, q, v):
         return _scalar(Asked.of(self, "kinetic_energy(q, v)"), q, v)

@@ -132,6 +132,9 @@ class KnownMass(WrappedScene):
     def force(self, t, q, v):
         return self.scene.force(t, q, v)
 
+    def _load(self, t, q, v):
+        return self.scene._load(t, q, v)
+
     def gap(self, t, q):
         return self.scene.gap(t, q)
 

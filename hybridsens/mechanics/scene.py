@@ -96,6 +96,10 @@ class AbstractScene(eqx.Module):
         gradients reach them. None, the default, for none."""
         return None
 
+    def _load(self, t, q, v):
+        """The forces that may let a held contact go inside a step: all, unless a scene tells those of inertia apart."""
+        return self.force(t, q, v)
+
 
 def _as_float(name: str, value):
     try:

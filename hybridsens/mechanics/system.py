@@ -106,7 +106,7 @@ class MechanicalSystem(AbstractFlatSystem):
         q, v, _ = self.split(x)
         warn_of_sampled("Gaps", self.scene.gap, t, q)
         if self._load_varies(t, x) and self.jump_ts is None:
-            warn_of_sampled("Forces on held contacts", lambda t, q: self.scene.force(t, q, v), t, q)
+            warn_of_sampled("Forces on held contacts", lambda t, q: self.scene._load(t, q, v), t, q)
 
     def searches(self, t, x):
         """Whether a gap is curved (what is affine in (t, q) cannot dip unseen), or a load may let a held contact go."""

@@ -54,6 +54,9 @@ class TypedScene(WrappedScene):
     def force(self, t, q, v):
         return self.scene.force(t, q, v).astype(q.dtype)
 
+    def _load(self, t, q, v):
+        return self.scene._load(t, q, v).astype(q.dtype)
+
     def gap(self, t, q):
         return self.scene.gap(t, q).astype(q.dtype)
 

@@ -27,6 +27,8 @@ FUNCTIONS = {
     "written entries": lambda x, y: MATRIX[0] @ jnp.array([1.0, 2.0]).at[WHICH[0]].set(x * y).at[0].add(jnp.sin(x)),
     "written cases": lambda x, y: jnp.where((jnp.stack([x, y]) > 0.2).at[WHICH[0]].set(x > y), x, x * y) @ MATRIX[1],
     "a written slice": lambda x, y: jax.lax.dynamic_update_slice(jnp.stack([x, y, x * y]), (y * y)[None], (1,)).sum(),
+    "cut into pieces": lambda x, y: (lambda a, b: a @ b)(*jnp.split(jnp.stack([x, y, x * y, jnp.sin(x)]), 2)),
+    "cut cases": lambda x, y: jnp.where(jnp.split(jnp.stack([x > y, y > 0.2]), 2)[1][0], x, x * y),
     "unpacked": lambda x, y: (lambda a, b: a * a - jnp.cos(b))(*jnp.stack([x, y])),
     "outer products": lambda x, y: MATRIX[0] @ jnp.einsum("i,j->ij", *2 * [jnp.stack([x, y])]) @ MATRIX[1],
     "products by entry": lambda x, y: MATRIX[0] @ jnp.einsum("i,i->i", *2 * [jnp.stack([x, y])]),
@@ -99,9 +101,7 @@ COMPILED = {}
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @settings(max_examples=40, deadline=None, derandomize=True, phases=[Phase.generate])
-@given(
-    numbers=st.lists(st.floats(-1.5, 1.5), min_size=8, max_size=8), low=st.floats(0, 1), power=st.integers(0, 20)
-)
+@given(numbers=st.lists(st.floats(-1.5, 1.5), min_size=8, max_size=8), low=st.floats(0, 1), power=st.integers(0, 20))
 def test_values_and_derivatives_lie_within_their_bounds(name, numbers, low, power):
     """Along cubics in s, stretches of length 1 to 1e-6; where bounds of a derivative are unknown, none is claimed."""
     if name not in COMPILED:

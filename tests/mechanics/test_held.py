@@ -128,6 +128,43 @@ def test_a_load_that_depends_on_place_is_seen():
     np.testing.assert_allclose([time, slope], [10 - root, -1 / (2 * LIFT * root)], rtol=1e-8)
 
 
+class OfEnergies(hs.LagrangianScene):
+    """The same block: its magnet is a potential."""
+
+    lift: jax.Array
+
+    def kinetic_energy(self, q, v):
+        return 0.5 * v @ v
+
+    def potential_energy(self, q):
+        return q[1] * (1 - self.lift * jnp.exp(-((q[0] - 10.0) ** 2)))
+
+    def gap(self, t, q):
+        return q[1:]
+
+    def restitution(self):
+        return jnp.array([0.5])
+
+
+class BesideEnergies(OfEnergies):
+    """The same block: its magnet is added to what follows from the energies."""
+
+    def potential_energy(self, q):
+        return q[1]
+
+    def force(self, t, q, v):
+        pull = self.lift * jnp.exp(-((q[0] - 10.0) ** 2))
+        return super().force(t, q, v) + jnp.stack([0 * t, pull])
+
+
+@pytest.mark.parametrize("magnet", [OfEnergies, BesideEnergies])
+def test_a_load_is_seen_that_follows_from_energies_or_is_added_to_them(magnet):
+    """Of a scene of energies the forces of inertia are left out of the search, and nothing else."""
+    motion = hs.simulate(magnet(jnp.array(LIFT)), hs.State([0.0, 0.0], [1.0, 0.0]), t1=12.0, max_events=8)
+    assert motion.events.kind[0] == hs.EventKind.RELEASE
+    assert abs(motion.events.time[0] - (10 - np.sqrt(np.log(LIFT)))) < 1e-8
+
+
 class Pulsed(Loaded):
     """amplitude / weight pulses of the load at t = 1 + frequency / 60, a thousandth to a second long."""
 
