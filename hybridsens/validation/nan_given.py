@@ -15,7 +15,7 @@ def nan_among(model: Any, state: Any) -> str:
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
             if isinstance(leaf, jax.core.Tracer):
                 return ""
-            wrong = np.argwhere(np.isnan(leaf)) if eqx.is_inexact_array_like(leaf) else ()
+            wrong = np.argwhere(np.isnan(leaf) if eqx.is_inexact_array_like(leaf) else np.array(False))
             if len(wrong):
                 return f"{_entry(path, tuple(wrong[0].tolist()))} of {of} is nan."
     return ""
