@@ -6,6 +6,7 @@ from typing import Any, Literal
 import diffrax
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -19,11 +20,13 @@ from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
 from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
+from .status import Status
 from .system import AbstractHybridSystem
 from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays, warn_of_transition
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.asked import kind_of
 from .validation.direction import forward_only, reverse_only
+from .validation.nan_given import nan_among
 from .validation.numbers import told_of_constants
 from .waiting import waiting
 
@@ -90,6 +93,7 @@ def solve(
     ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
     jump_ts = declared_jump_times(system, jump_ts, dtype)
     check_mesh(system, x0, t0, t1, ts)
+    written = system, x0
     system, running_cost = in_type((system, running_cost), dtype)
     counts, cost = check_system(system, running_cost, t0, x0, mode)
     system, running_cost = in_type(lifted(system, running_cost, t0, x0, mode), dtype)
@@ -112,7 +116,7 @@ def solve(
     if throw == "nan":
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:
-        solution = raise_unless_successful(solution, last_events)
+        solution = raise_unless_successful(solution, lambda solution: _shown_by_values(*written, solution))
     solution = solution if adjoint.reverse_mode else forward_only(solution)
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 
@@ -145,6 +149,13 @@ class Call(eqx.Module):
     def _given(self) -> dict[str, Any]:
         leaves = [fixed if array is None else array for array, fixed in zip(self.arrays, self.rest, strict=True)]
         return self.tree.unflatten(leaves)
+
+
+def _shown_by_values(system: AbstractHybridSystem, x0, solution: Solution) -> str:
+    """An end to the message of a motion that did not reach its end; "" where nothing can be seen."""
+    code = solution.status.code
+    nan = "" if isinstance(code, jax.core.Tracer) or code != Status.non_finite.code else nan_among(system, x0)
+    return f" {nan}" if nan else last_events(solution)
 
 
 @eqx.filter_jit

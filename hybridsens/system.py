@@ -1,12 +1,13 @@
 """Any hybrid system: what a user writes to have its motion and its gradient."""
 
 import abc
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import equinox as eqx
 from jaxtyping import Array, Float, Int, PyTree
 
 from .export.text import printed
+from .validation.frozen import told_what_to_do
 from .validation.numbers import numbers_to_arrays
 from .validation.spelling import warn_of_near_names
 
@@ -50,6 +51,12 @@ class AbstractHybridSystem(eqx.Module):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         warn_of_near_names(cls)
+
+    if not TYPE_CHECKING:  # a checker of types would take the method for leave to assign
+
+        def __setattr__(self, name, value):
+            with told_what_to_do(self, name):
+                super().__setattr__(name, value)
 
     def __check_init__(self):
         numbers_to_arrays(self)

@@ -8,12 +8,28 @@ from jax.sharding import AxisType, PartitionSpec
 
 import hybridsens as hs
 from tests.problems.balls import RestlessBall
+from tests.problems.sawtooth import Sawtooth
 
 W = jnp.array(9.81)
 SENTENCE = (
     "The motion did not reach its end (max_events_reached): the motion had more events than `max_events`. Raise "
     "`max_events`"
 )
+
+
+ROOM = dict(max_events=4, max_steps=64)
+
+
+class BrokenSawtooth(Sawtooth):
+    """It begins anew at what is no number."""
+
+    def transition(self, event, t, x, mode):
+        return x * jnp.nan, mode
+
+
+def final_from(state):
+    """A ball that falls from there."""
+    return hs.simulate(RestlessBall(W, jnp.array(0.8)), state, t1=1.0, **ROOM).final
 
 
 def final(weight, throw=True, t1=5.0):
@@ -98,3 +114,25 @@ def test_the_error_tells_how_many_of_the_steps_were_kept():
         few(2.0)
     with pytest.raises(hs.SimulationError, match="one already"):
         jax.vmap(few)(jnp.array([2.0, 3.0]))
+
+
+@pytest.mark.parametrize(
+    ("run", "named"),
+    [
+        (lambda: final(jnp.nan), "weight of RestlessBall is nan."),
+        (lambda: final_from(hs.State([1.0], [jnp.nan])), "v[0] of the initial state is nan."),
+        (lambda: hs.solve(Sawtooth(W, jnp.array(jnp.nan)), 1.0, t1=1.0, **ROOM), "top of Sawtooth is nan."),
+        (lambda: hs.solve(Sawtooth(W, W), jnp.nan, t1=1.0, **ROOM), "value of the initial state is nan."),
+    ],
+)
+def test_a_nan_that_was_given_is_named(run, named):
+    """A cell that is missing in somebody's table: the message says where it went in, and not where it came out."""
+    with pytest.raises(hs.SimulationError, match="non_finite") as caught:
+        run()
+    assert str(caught.value).endswith(f" {named}")
+
+
+def test_a_nan_of_the_motion_itself_is_not_taken_for_one_that_was_given():
+    """A tooth that begins at nan."""
+    with pytest.raises(hs.SimulationError, match=r"non_finite.*last events: t = 0\.5, event 0\.$"):
+        hs.solve(BrokenSawtooth(jnp.array(2.0), jnp.array(1.0)), 1.0, t1=2.0, **ROOM)

@@ -70,8 +70,9 @@ def fit(
       `read_measurements`.
     - `parameters`: names of the fields that are fitted (["stiffness", "arm.length"]), or one name; default all.
     - `observe`: `observe(scene, t, q, v)` or `observe(system, t, x)` -> (observation,), or a list of scalars, or a
-      mapping of column names to scalars; default: columns are named after the state, q0, v0, ..., as the
-      scene's `coordinates` and their rates, or after the leaves of x. A unit may follow, "q0 [m]".
+      mapping of column names to scalars; default: the scene's method `observe(t, q, v)`, a system's `observe(t, x)`;
+      without one, columns are named after the state, q0, v0, ..., as the scene's `coordinates` and their rates, or
+      after the leaves of x. A unit may follow, "q0 [m]".
     - `state`: initial state, or a function of the scene that returns it; default `scene.initial_state()`.
     - `mode`: initial mode of a hybrid system or of a scene with switches, or a function of it; default its
       `initial_mode()`, or None. Measured event times are those of a system's events, or of a scene's impacts, and

@@ -75,40 +75,54 @@ class NamedObserver(eqx.Module):
     def __call__(self, scene, t, *state):
         seen: Any = self.function(scene, t, *state)
         if isinstance(seen, Mapping):
-            seen = [seen[name] for name in self.names]
+            seen = [seen[key] for key in _keys(seen, self.names)]
         return jnp.stack([jnp.asarray(entry) for entry in seen]) if _is_list(seen) else jnp.atleast_1d(seen)
 
 
 def observer(observe: Callable[..., Any] | None, scene, start: tuple, names: tuple[str, ...]) -> Callable[..., Any]:
-    """The observation function, checked against the columns.
+    """The observation function, by default the scene's own method `observe`, checked against the columns.
 
     Raises: ValueError or TypeError if what it returns does not fit the columns.
     """
+    own = observe is None and callable(getattr(scene, "observe", None))
     if not names:
         return StateObserver(())
-    if observe is None:
+    if observe is None and not own:
         return StateObserver(picks(names, scene, start))
-    state = (start[0].q, start[0].v) if isinstance(start[0], State) else (jax.tree.map(jnp.asarray, start[0]),)
-    form = "observe(scene, t, q, v)" if isinstance(start[0], State) else "observe(system, t, x)"
-    seen = eqx.filter_eval_shape(Asked(form, observe), scene, jnp.zeros(()), *state)
+    mechanical = isinstance(start[0], State)
+    state = (start[0].q, start[0].v) if mechanical else (jax.tree.map(jnp.asarray, start[0]),)
+    model, arguments = ("scene", "t, q, v") if mechanical else ("system", "t, x")
+    asked = Asked.of(scene, f"observe({arguments})") if own else Asked(f"observe({model}, {arguments})", observe)
+    seen = eqx.filter_eval_shape(asked, *(() if own else (scene,)), jnp.zeros(()), *state)
     if isinstance(seen, Mapping):
         _check_mapping(seen, names)
     elif _is_list(seen):
         _check_list(seen, names)
     else:
         _check_array(seen, names)
-    return NamedObserver(observe, names)
+    return NamedObserver(_by_method if observe is None else observe, names)
+
+
+def _by_method(scene, t, *state):
+    return scene.observe(t, *state)
 
 
 def _check_mapping(seen: Mapping, names: tuple[str, ...]) -> None:
-    unknown = [name for name in names if name not in seen]
+    keys = _keys(seen, names)
+    unknown = [name for name, key in zip(names, keys, strict=True) if key not in seen or keys.count(key) > 1]
     if unknown:
         raise ValueError(
             f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}. "
             "Leave columns that are no measurements out of the data, by `read_measurements(data, columns=[...])`."
         )
-    for name in names:
-        _check_scalar(name, seen[name])
+    for name, key in zip(names, keys, strict=True):
+        _check_scalar(name, seen[key])
+
+
+def _keys(seen: Mapping, names: Sequence[str]) -> list[str]:
+    """Under which names the columns are returned: their own, or those without their units."""
+    bare = lambda name: split_unit(name)[0]
+    return [bare(name) if name not in seen and bare(name) in seen else name for name in names]
 
 
 def _check_list(seen: Any, names: tuple[str, ...]) -> None:

@@ -135,14 +135,15 @@ def _as_mapping(data: Any, time: str | None) -> Mapping[str, Any]:
 
 
 def _from_pandas(data: Any, time: str | None) -> dict[str, np.ndarray]:
-    """Columns of a DataFrame; first its index, where that is the time and no column is."""
+    """Columns of a DataFrame; first its index, where that is or may be the time and no column is."""
     check_different(map(str, data.columns), "The table")
     columns = {str(name): data[name].to_numpy() for name in data.columns}
     index: Any = getattr(data, "index", None)  # tables of other libraries have none
-    wanted = (time,) if time else () if any(name in columns for name in _TIMES) else _TIMES
-    if getattr(index, "name", None) not in wanted or index.to_numpy().dtype.kind not in "iufmM":
+    name = getattr(index, "name", None)
+    wanted = name == time if time else not any(known in columns for known in _TIMES)
+    if name is None or not wanted or index.to_numpy().dtype.kind not in "iufmM":
         return columns
-    return {index.name: index.to_numpy(), **columns}
+    return {str(name): index.to_numpy(), **columns}
 
 
 def _from_xarray(data: Any) -> dict[str, np.ndarray]:

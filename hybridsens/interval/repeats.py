@@ -42,9 +42,7 @@ class _Distinct:
 
     def of(self, traced: ClosedJaxpr) -> ClosedJaxpr:
         """The same program."""
-        own = traced.jaxpr.constvars
-        self.constants.update(zip(own, traced.consts, strict=True))
-        results = self._run(traced.jaxpr, [*own, *traced.jaxpr.invars])
+        results = self._run(traced.jaxpr, [*self._constants(traced), *traced.jaxpr.invars])
         equations, needed = _needed(self.equations, results)
         constants = {variable: value for variable, value in self.constants.items() if variable in needed}
         program = traced.jaxpr.replace(constvars=list(constants), eqns=equations, outvars=results)
@@ -63,9 +61,13 @@ class _Distinct:
 
     def _call(self, equation: JaxprEqn, operands: list[Any]) -> list[Any]:
         called = equation.params["jaxpr"]
-        own = called.jaxpr.constvars
-        self.constants.update(zip(own, called.consts, strict=True))
-        return self._run(called.jaxpr, [*own, *operands])
+        return self._run(called.jaxpr, [*self._constants(called), *operands])
+
+    def _constants(self, program: ClosedJaxpr) -> list[Var]:
+        """What stands for a program's constants: they become those of the whole."""
+        own = [Var(variable.aval) for variable in program.jaxpr.constvars]
+        self.constants.update(zip(own, program.consts, strict=True))
+        return own
 
     def _once(self, equation: JaxprEqn, operands: list[Any]) -> list[Var]:
         self.met += 1

@@ -1,7 +1,7 @@
 """What a user writes: the state of a mechanical system and the scene that moves it."""
 
 import abc
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,6 +9,7 @@ import lineax as lx
 from jaxtyping import Array, Float
 
 from ..export.text import printed
+from ..validation.frozen import told_what_to_do
 from ..validation.numbers import numbers_to_arrays
 from ..validation.spelling import warn_of_near_names
 
@@ -58,6 +59,12 @@ class AbstractScene(eqx.Module):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         warn_of_near_names(cls)
+
+    if not TYPE_CHECKING:  # a checker of types would take the method for leave to assign
+
+        def __setattr__(self, name, value):
+            with told_what_to_do(self, name):
+                super().__setattr__(name, value)
 
     def __check_init__(self):
         numbers_to_arrays(self)

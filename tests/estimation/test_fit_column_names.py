@@ -67,6 +67,8 @@ def test_times_in_another_unit_or_in_no_number_are_not_guessed():
         read_measurements({"t [ms]": TIMES, "q0": TIMES})
     table = pandas.DataFrame({"q0": TIMES}, pandas.Index(TIMES, name="hours"))
     np.testing.assert_array_equal(read_measurements(table, time="hours").times, TIMES)
+    with pytest.raises(ValueError, match=r"but has \['hours', 'q0'\]\. Say which"):
+        read_measurements(table)
     table.index = pandas.date_range("2020-01-01", periods=3, name="time")
     with pytest.raises(ValueError, match='`times` must be in seconds, or durations, but are dates'):
         read_measurements(table)

@@ -31,6 +31,43 @@ def test_observations_come_as_an_array_a_list_or_by_name(observe):
     np.testing.assert_array_equal(seen, [1.5, -0.5])
 
 
+@pytest.mark.parametrize("names", [("height [m]", "speed"), ("speed [m/s]", "height")])
+def test_a_unit_behind_the_name_of_a_column_may_be_left_off(names):
+    """Assert that "height" is returned for a column "height [m]", as it is for one of the state."""
+    observe = lambda scene, t, q, v: {"height": q[0], "speed": v[0]}
+    expected = {"height": 1.5, "speed": -0.5}
+    seen = _checked(observe, names)(BouncingBall(), 0.0, START[0].q, START[0].v)
+    np.testing.assert_array_equal(seen, [expected[name.split()[0]] for name in names])
+
+
+def test_two_columns_are_not_one_observation():
+    """Assert that of a height in metres and one in millimetres the name alone is neither."""
+    with pytest.raises(ValueError, match=r"has no \['height \[m\]', 'height \[mm\]'\]: it has \['height'\]"):
+        _checked(lambda scene, t, q, v: {"height": q[0]}, ("height [m]", "height [mm]"))
+
+
+class Heard(BouncingBall):
+    """What is measured of it stands in the class."""
+
+    def observe(self, t, q, v):
+        return {"height": q[0], "speed": v[0]}
+
+
+class Misheard(BouncingBall):
+    def observe(self, q, v):
+        return q[0]
+
+
+def test_the_scene_may_say_itself_what_was_measured():
+    """Assert that its method `observe` is asked where no function is given, and that a function given comes first."""
+    seen = observer(None, Heard(), START, ("speed",))(Heard(), 0.0, START[0].q, START[0].v)
+    np.testing.assert_array_equal(seen, [-0.5])
+    seen = observer(lambda scene, t, q, v: q, Heard(), START, ("speed",))(Heard(), 0.0, START[0].q, START[0].v)
+    np.testing.assert_array_equal(seen, [1.5])
+    with pytest.raises(TypeError, match=r"`def observe\(self, t, q, v\)`, but is `observe\(self, q, v\)` in Misheard"):
+        observer(None, Misheard(), START, ("speed",))
+
+
 @pytest.mark.parametrize(
     ("observe", "message"),
     [
