@@ -31,14 +31,16 @@ class Reported(NamedTuple):
 
 def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: int) -> Reported:
     events, count = motion.events.rows, motion.events.count - motion.unreported
+    happened = jnp.arange(room) < count
     if motion.events.steps.shape[0] - 1 == room:
-        cut = lambda rows: jax.tree.map(lambda leaf: leaf[:room], rows)
+        picked = lambda leaf: leaf[:room]
     else:  # jump times and silent events have rows of their own
         order = order_of_events(motion)
-        rows = lambda leaf: (jnp.arange(room) < count).reshape(-1, *[1] * (leaf.ndim - 1))
-        blank = lambda leaf: jnp.where(rows(leaf), leaf[order], jnp.zeros((), leaf.dtype))
-        cut = lambda rows: jax.tree.map(blank, rows)
-    happened = jnp.arange(room) < count
+        picked = lambda leaf: leaf[order]
+    # The row after the last event holds where the motion ended.
+    rows = lambda leaf: happened.reshape(-1, *[1] * (leaf.ndim - 1))
+    blank = lambda leaf: jnp.where(rows(leaf), picked(leaf), jnp.zeros((), leaf.dtype))
+    cut = lambda rows: jax.tree.map(blank, rows)
     states = cut(events.states)
     states = states._replace(time=jnp.where(happened, states.time, jnp.inf))
     return Reported(
