@@ -46,6 +46,8 @@ class BatchSize:
 
 def iterate(method: Method | Growing, problem, carry, limit: int, room: int) -> Iterations:
     """At most `limit` iterations, at most `room` of them on the whole problem; fewer if the optimizer ends before."""
+    # What comes back has types of its own; a number that began with the type of its neighbours would compile twice.
+    carry = jax.tree.map(lambda leaf: leaf.astype(leaf.dtype) if eqx.is_array(leaf) else leaf, carry)
     carry, rows, count, linearised = _iterate(method, problem, carry, np.asarray(min(limit, MOST)), np.asarray(room))
     leaves, tree = jax.tree.flatten(jax.tree.map(np.asarray, rows))
     outcomes = [tree.unflatten([leaf[i] for leaf in leaves]) for i in range(int(count))]

@@ -2,6 +2,8 @@
 
 from importlib import import_module
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -59,6 +61,27 @@ def test_a_fit_goes_on_from_an_earlier_one(record, near):
     assert first.stopped == "stopped by the callback" and first.loss > near.loss
     second = fit(first.scene, record, **STOP)
     np.testing.assert_allclose(second.values, near.values, rtol=1e-4)
+
+
+@pytest.mark.parametrize("optimizer", ["levenberg-marquardt", "gauss-newton", "adam", "lbfgs"])
+def test_iterations_are_of_one_program(record, optimizer, monkeypatch):
+    """Assert that what one call of the iterations hands to the next has the types that it was given, weak or not."""
+
+    class Met(Exception):
+        pass
+
+    def types(method, problem, carry, limit, room):
+        given = eqx.filter(carry, eqx.is_array)
+        done = eqx.filter_eval_shape(run, method, problem, carry, limit, room)[0]
+        of = lambda tree: [(leaf.dtype, leaf.shape, leaf.weak_type) for leaf in jax.tree.leaves(tree)]
+        assert of(given) == of(eqx.filter(done, lambda leaf: isinstance(leaf, jax.ShapeDtypeStruct)))
+        raise Met
+
+    module = import_module("hybridsens.estimation.iterate")
+    run = module._iterate
+    monkeypatch.setattr(module, "_iterate", types)
+    with pytest.raises(Met):
+        fit(ElasticStop(**NEAR), record, optimizer=optimizer, **STOP)
 
 
 def test_an_interrupted_fit_keeps_its_best_point(record):
