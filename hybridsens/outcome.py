@@ -75,7 +75,8 @@ def _spoil_jvp(primals, tangents):
 
 def _message(code) -> str:
     status = Status(np.asarray(code))
-    became = "could not begin" if status.at_start else "did not reach its end"
+    ended = "is whole, but in doubt" if status.reached_end else "did not reach its end"
+    became = "could not begin" if status.at_start else ended
     return f"The motion {became} ({Status.names()[int(code)]}): {status.message}"
 
 

@@ -7,6 +7,7 @@ import pytest
 from jax.sharding import AxisType, PartitionSpec
 
 import hybridsens as hs
+from hybridsens.outcome import raise_unless_successful
 from tests.problems.balls import RestlessBall
 from tests.problems.sawtooth import Sawtooth
 
@@ -105,6 +106,13 @@ def test_shard_map_is_told_what_it_needs():
     with pytest.raises(ValueError, match=r"check_vma=False.*\['lane'\]"):
         shard()(W[None])
     assert jnp.allclose(shard(check_vma=False)(W[None]), -0.005, rtol=1e-9)
+
+
+def test_a_motion_that_grazes_is_not_said_to_have_broken_off():
+    motion = hs.simulate(RestlessBall(W, W / 12), hs.State([1.0], [0.0]), t1=0.1)
+    doubtful = eqx.tree_at(lambda motion: motion.status, motion, hs.Status.grazing)
+    with pytest.raises(hs.SimulationError, match=r"^The motion is whole, but in doubt \(grazing\): the motion reached"):
+        raise_unless_successful(doubtful)
 
 
 def test_the_error_tells_how_many_of_the_steps_were_kept():

@@ -74,13 +74,13 @@ def test_a_print_has_the_names_of_contacts_and_the_numbers_of_parameters(motion)
 
 
 def test_a_status_is_printed_with_its_name(motion):
-    """By which the reference lists it; a batch by its names, and a motion as its status."""
+    """By which the reference lists it; a batch by how many have each of them, and a motion as its status."""
     short = hs.Status.max_events_reached
     assert str(short) == f"max_events_reached: {hs.Status[short]}" and "more events than" in hs.Status[short]
     assert str(eqx.tree_at(lambda m: m.status, motion, short)).splitlines()[0] == f"status: {short}"
     assert repr(hs.Status.successful) == "Status<successful>"
-    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), hs.Status.successful, short)
-    assert str(batch) == "['successful' 'max_events_reached']"
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), short, hs.Status.successful, hs.Status.successful)
+    assert str(batch) == "2 successful, 1 max_events_reached"
     traced = []
     jax.jit(lambda status: traced.append(str(status)))(short)
     assert traced == ["traced"]
