@@ -10,6 +10,8 @@ from scipy import stats
 _NULL = 1e-7
 _ROUNDING = 100
 """Doubling a parameter must move the data by so many units of their last place, else it does not move them."""
+_NEAR = 0.1
+"""A value below this part of its parameter's size is near 0. Above it, shares are of a change relative to the value."""
 
 
 class Uncertainty(NamedTuple):
@@ -48,7 +50,7 @@ class Noise(NamedTuple):
     rounding: float = 0.0
     """A standard deviation of residuals that is no noise where no sigmas were given."""
     scale: Float[np.ndarray, "parameter"] | float = 0.0
-    """Sizes that parameters have but for a value near 0, which tells none."""
+    """Sizes of parameters whose value is near 0 beside them, and tells none."""
 
 
 def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight, noise: Noise) -> Uncertainty:
@@ -62,7 +64,7 @@ def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight
     freedom = max(r.size - p.size, 1)
     seen = _noise(r, freedom, noise.robust)
     exact = not noise.sigmas_given and seen <= noise.rounding
-    size = np.maximum(np.abs(p), noise.scale)
+    size = np.where(np.abs(p) < _NEAR * noise.scale, noise.scale, np.abs(p))
     size = np.where(size == 0, 1.0, size)
     unseen = np.max(np.abs(J * size), axis=0, initial=0) <= _ROUNDING * np.finfo(J.dtype).eps * noise.largest
     taken_at_their_word = noise.sigmas_given and np.isinf(noise.robust)
