@@ -69,13 +69,29 @@ class LagrangianScene(AbstractScene):
 
     def force(self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"]) -> Float[Array, "dof"]:
         """F = dT/dq - (d2T/dv dq) v - dV/dq - dR/dv + Q."""
-        momentum = lambda q: jax.grad(self._kinetic, argnums=1)(q, v)
-        convected = jax.jvp(momentum, (q,), (v,))[1]  # how dT/dv changes because q does
-        return jax.grad(self._kinetic)(q, v) - convected + self._without_inertia(t, q, v)
+        return self._of_inertia(q, v) + self._without_inertia(t, q, v)
 
     def _load(self, t, q, v):
         written = type(self).force is not LagrangianScene.force
-        return self.force(t, q, v) if written else self._without_inertia(t, q, v)
+        return self.force(t, q, v) if written or self._inertia_may_lift(t, q, v) else self._without_inertia(t, q, v)
+
+    def _inertia_may_lift(self, t, q, v) -> bool:
+        """Whether inertia bends along the way of a body while a gap is affine in a coordinate, so that the body may
+        hold its contact at a constant velocity: along a track in coordinates of the track. Where no gap is, the
+        velocity of a held body turns, the error of that limits the steps, and to bound inertia costs most of the
+        compilation."""
+        still, moves = (np.full(q.shape, kind) for kind in (Kind.CONSTANT, Kind.AFFINE))
+        if (kinds(jax.make_jaxpr(self._of_inertia)(q, v), [moves, still]) < Kind.CURVED).all():
+            return False
+        gaps = jax.make_jaxpr(self.gap)(t, q)
+        alone = np.where(np.eye(q.shape[0], dtype=bool), Kind.AFFINE, Kind.CONSTANT)
+        return any((kinds(gaps, [np.array(Kind.CONSTANT), one]) == Kind.AFFINE).any() for one in alone)
+
+    def _of_inertia(self, q, v):
+        """dT/dq - (d2T/dv dq) v."""
+        momentum = lambda q: jax.grad(self._kinetic, argnums=1)(q, v)
+        convected = jax.jvp(momentum, (q,), (v,))[1]  # how dT/dv changes because q does
+        return jax.grad(self._kinetic)(q, v) - convected
 
     def _without_inertia(self, t, q, v):
         """-dV/dq - dR/dv + Q."""
