@@ -1,6 +1,5 @@
 """Declared times of kinks and jumps: steps land on them, and gradients reach them."""
 
-import functools
 import warnings
 
 import jax
@@ -56,15 +55,19 @@ def closed_form(tau, heights=HEIGHTS, t=HORIZON):
     return t**2 / 2 + jnp.sum(heights * since**2) / 2
 
 
-@functools.cache
-def batched_slopes():
-    """Values and gradients of many switching times, by one program."""
-    return jax.jit(jax.vmap(jax.value_and_grad(place, argnums=(0, 1)), in_axes=(0, None, 0)))
+_SLOPES = jax.jit(jax.vmap(jax.value_and_grad(place, argnums=(0, 1)), in_axes=(0, None, 0)))
+LANES = 7
+
+
+def batched_slopes(tau, at_once):
+    """Values and gradients of up to seven pairs of switching times, by one program: those given fill the batch."""
+    filled = lambda given: jnp.resize(given, (LANES, *given.shape[1:]))
+    return jax.tree.map(lambda leaf: leaf[: len(tau)], _SLOPES(filled(tau), HEIGHTS, filled(at_once)))
 
 
 def test_switching_times_of_bang_bang_control():
     """Value and gradient against the closed form, whichever force holds at the very instant."""
-    (value, (by_tau, by_heights)) = batched_slopes()(jnp.stack([TAU, TAU]), HEIGHTS, jnp.array([1.0, 0.0]))
+    (value, (by_tau, by_heights)) = batched_slopes(jnp.stack([TAU, TAU]), jnp.array([1.0, 0.0]))
     np.testing.assert_allclose(value, closed_form(TAU), rtol=1e-12)
     truth = jax.grad(closed_form, argnums=(0, 1))(TAU, HEIGHTS)
     np.testing.assert_allclose(by_tau, np.stack([truth[0]] * 2), rtol=1e-8)
@@ -88,7 +91,7 @@ def test_times_in_any_order_and_outside_of_the_horizon():
     """Those before the start or behind the end move nothing; one at the end has no effect yet. Two that coincide count
     as one: their derivatives are right together."""
     tau = jnp.array([[1.3, 0.7], [-1.0, 0.7], [0.7, 2.5], [-3.0, -1.0], [5.0, 4.0], [0.7, 2.0], [0.7, 0.7]])
-    value, (by_tau, _) = batched_slopes()(tau, HEIGHTS, jnp.ones(7))
+    value, (by_tau, _) = batched_slopes(tau, jnp.ones(7))
     of_all = jax.vmap(jax.value_and_grad(closed_form))(tau)
     np.testing.assert_allclose(value, of_all[0], rtol=1e-12)
     np.testing.assert_allclose(by_tau[:6], of_all[1].at[5, 1].set(0)[:6], rtol=1e-8, atol=1e-12)
@@ -97,7 +100,7 @@ def test_times_in_any_order_and_outside_of_the_horizon():
 
 def test_a_time_at_the_start_is_a_corner():
     """Later it moves the switch, earlier it does not: the gradient is one of both slopes."""
-    value, (by_tau, _) = batched_slopes()(jnp.array([[0.0, 1.3]]), HEIGHTS, jnp.ones(1))
+    value, (by_tau, _) = batched_slopes(jnp.array([[0.0, 1.3]]), jnp.ones(1))
     np.testing.assert_allclose(value[0], closed_form(jnp.array([0.0, 1.3])), rtol=1e-12)
     np.testing.assert_allclose(by_tau[0, 1], -3 * 0.7, rtol=1e-8)
     assert any(by_tau[0, 0] == pytest.approx(slope, abs=1e-8) for slope in (0, 2 * HORIZON))
