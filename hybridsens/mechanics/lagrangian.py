@@ -72,6 +72,8 @@ class LagrangianScene(AbstractScene):
         return self._of_inertia(q, v) + self._without_inertia(t, q, v)
 
     def _load(self, t, q, v):
+        """All forces, or those without inertia where inertia alone lets no held contact go unseen. A `force` of the
+        class's own cannot be told apart."""
         written = type(self).force is not LagrangianScene.force
         return self.force(t, q, v) if written or self._inertia_may_lift(t, q, v) else self._without_inertia(t, q, v)
 
