@@ -9,7 +9,8 @@ import pytest
 import hybridsens as hs
 from tests.closeness import assert_close
 
-BOTH = pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
+METHODS = [hs.Replay(), pytest.param(hs.ForwardSensitivities(), marks=pytest.mark.slow)]
+BOTH = pytest.mark.parametrize("adjoint", METHODS, ids=["reverse", "forward"])
 TIGHT = dict(rtol=1e-11, atol=1e-11)
 
 

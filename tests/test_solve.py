@@ -13,7 +13,12 @@ import hybridsens as hs
 from tests.closeness import assert_close
 from tests.problems.hybrid_systems import Ball, Dominoes, Lines, Neuron, Oscillator, Overflow, Thermostat
 
-BOTH = pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
+REVERSE, FORWARD = hs.Replay(), hs.ForwardSensitivities()
+BOTH = pytest.mark.parametrize("adjoint", [REVERSE, FORWARD], ids=["reverse", "forward"])
+ONE = pytest.mark.parametrize(
+    "adjoint", [REVERSE, pytest.param(FORWARD, marks=pytest.mark.slow)], ids=["reverse", "forward"]
+)
+"""Where what is told of forward mode is told elsewhere too."""
 TIGHT = dict(rtol=1e-12, atol=1e-12)
 
 
@@ -50,7 +55,7 @@ def test_a_thermostat_has_its_closed_form(adjoint):
     assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
 
 
-@BOTH
+@ONE
 def test_a_neuron_has_its_closed_form(adjoint):
     """Spike k comes tau log(i_k / (i_k - 1)) after the one before, with i_k = i + k w."""
 
@@ -103,7 +108,7 @@ def test_a_section_is_passed_downward_only(adjoint, start):
     assert_close(derivative, jnp.append(-expected / 2, 0), 1e-9)
 
 
-@BOTH
+@ONE
 def test_an_event_that_fires_another_at_once(adjoint):
     """Both move together: t = x0 / speed, and x(t1) = height + more t - speed (t1 - t)."""
 
@@ -160,7 +165,7 @@ class Subtracting(hs.AbstractHybridSystem):
         return jnp.where(event == 0, x - 1.0, x + self.amount), mode
 
 
-@BOTH
+@ONE
 def test_a_guard_that_its_own_event_leaves_below_zero_fires_again(adjoint):
     """Filled by 3.3 at 0.5 it gives off three times at once: x(1) = (x0 e^-0.5 + 3.3 - 3) e^-0.5."""
     final = lambda p, adjoint: hs.solve(Subtracting(*p[:2]), p[2], t1=1.0, max_events=8, adjoint=adjoint, **TIGHT).final

@@ -133,7 +133,9 @@ def test_a_gradient_through_a_condition_in_a_batch():
     "hessian",
     [
         jax.jacfwd(jax.grad(height)),
-        jax.jacfwd(jax.jacfwd(lambda p: height(p, hs.ForwardSensitivities()))),
+        pytest.param(
+            jax.jacfwd(jax.jacfwd(lambda p: height(p, hs.ForwardSensitivities()))), marks=pytest.mark.slow
+        ),
     ],
     ids=["forward over reverse", "forward over forward"],
 )

@@ -32,6 +32,7 @@ def test_a_random_motion_obeys_the_laws(seed):
         assert size <= SMALL.get(law, CUT), law
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [827, 2600, 3279, 4135, 4624, 6554])
 def test_what_only_rounding_depends_on_keeps_no_gradient_from_its_end(seed):
     """Damping of a body that is held still, say. Where a sweep back began with it, steps were cut until none was left,

@@ -70,17 +70,21 @@ def test_batches_in_any_order(jacobian):
     each = jnp.stack([jax.grad(cost)(p, hs.Replay()) for p in batch])
     of_all = lambda batch: jnp.sum(jax.vmap(cost)(batch))
     assert_close(jax.vmap(jax.grad(cost))(batch), each, 1e-13)
-    assert_close(jax.jit(jax.grad(of_all))(batch), each, 1e-13)
     shared = lambda factor: of_all(batch.at[:, 0].multiply(factor))
     assert_close(jax.grad(shared)(1.0), jnp.sum(each[:, 0] * batch[:, 0]), 1e-13)
     assert_close(jax.jacfwd(jax.vmap(observed))(batch)[0, :, 0], jacobian, APART)
 
 
+@pytest.mark.slow
 def test_second_derivatives():
-    """Forward over reverse and over forward; reverse mode over another mode is refused by the name of what serves."""
+    """Forward over reverse and over forward."""
     hessian = jax.hessian(cost)(P, hs.Replay())
     assert_close(jax.hessian(cost)(P), hessian, 1e-13)
     assert_close(jax.jacfwd(jax.jacfwd(cost))(P), hessian, APART)
+
+
+def test_reverse_mode_over_another_is_refused():
+    """By the name of what serves."""
     along = lambda p: jax.jvp(cost, (p,), (P,))[1]
     for refused in (jax.jacrev(jax.grad(cost)), jax.grad(along)):
         with pytest.raises(TypeError, match=r"use jax.jacfwd\(jax.grad\(...\)\) or jax.hessian"):

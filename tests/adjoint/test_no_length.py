@@ -48,6 +48,7 @@ def test_neurons_that_fire_at_one_instant_have_second_derivatives_of_their_own(w
     assert_close(hessian(cost, way)(p), jnp.diag(jax.vmap(jax.hessian(alone))(p)), 1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("time", [0.0, 2.0], ids=["at the start", "at the end"])
 def test_a_dose_at_an_end_of_the_horizon_has_the_second_derivatives_of_one_inside(time, way):
@@ -85,6 +86,7 @@ class DraggedBall(hs.AbstractScene):
         return jnp.array([0.8])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_a_ball_thrown_at_the_floor_from_the_floor(way):
     """Down from q0 = 0 with v0 < 0: the impact comes at t0. By g, q0 and v0, as from a height that comes to nothing.

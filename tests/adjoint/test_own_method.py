@@ -69,6 +69,7 @@ def test_a_gradient_method_of_ones_own_is_one_function():
     assert np.max(np.abs(np.array(doubled) - truth())) > 1e-4 * np.max(np.abs(truth()))
 
 
+@pytest.mark.slow
 def test_a_method_that_approximates_is_as_good_as_its_steps():
     """The midpoint rule on steps of 1/20: an error of their square; the same method serves a scene."""
     coarse, fine = (gradient_by(Midpoint(), max_step=step)[0] for step in (0.1, 0.05))

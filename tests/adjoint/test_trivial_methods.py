@@ -12,7 +12,6 @@ import hybridsens as hs
 from hybridsens.scenes import ElasticStop
 from tests.problems import trivial_motions as motions
 from tests.problems.trivial_cases import (
-    ADJOINTS,
     CASES,
     FORWARD,
     REPLAY,
@@ -23,8 +22,13 @@ from tests.problems.trivial_cases import (
     true_gradient_of,
 )
 
+OTHERS = [
+    "Replay(recompute=True)",
+    *(pytest.param(method, marks=pytest.mark.slow) for method in ("ContinuousCostate", "DiffraxAdjoint")),
+]
 
-@pytest.mark.parametrize("method", [method for method in ADJOINTS if method not in (REPLAY, FORWARD)])
+
+@pytest.mark.parametrize("method", OTHERS)
 @pytest.mark.parametrize("case", [case for case in CASES if case[1] is motions.springs], ids=lambda case: case[0])
 def test_every_method_has_it_right(case, method):
     """The other three, on the motions without impacts."""
@@ -45,7 +49,8 @@ def _uncontrolled(cost):
     return jax.jit(jax.grad(lambda p: cost(p, 1e-8, hs.Replay(rtol=math.inf))))
 
 
-@pytest.mark.parametrize("forward", [False, pytest.param(True, marks=pytest.mark.slow)], ids=[REPLAY, FORWARD])
+@pytest.mark.slow
+@pytest.mark.parametrize("forward", [False, True], ids=[REPLAY, FORWARD])
 def test_second_derivatives_at_rest(forward):
     """q(T)^2 / 2 at rest: its gradient is 0, its Hessian is the outer product of the derivatives of q(T)."""
     base = point_of(springs_at(20, **STOP))

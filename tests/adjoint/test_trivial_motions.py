@@ -11,11 +11,19 @@ import pytest
 
 import hybridsens as hs
 from tests.closeness import assert_close
+from tests.problems import trivial_motions as motions
 from tests.problems.trivial_cases import CASES, FORWARD, REPLAY, assert_right
 
 
-@pytest.mark.parametrize("method", [REPLAY, FORWARD])
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case[0])
+def each_by_both():
+    """Every case by reverse and by forward mode; forward mode of other scenes than the springs in the slow suite."""
+    for case in CASES:
+        yield pytest.param(case, REPLAY, id=f"{case[0]}-{REPLAY}")
+        slow = [] if case[1] is motions.springs else [pytest.mark.slow]
+        yield pytest.param(case, FORWARD, id=f"{case[0]}-{FORWARD}", marks=slow)
+
+
+@pytest.mark.parametrize(("case", "method"), list(each_by_both()))
 def test_a_trivial_motion_has_the_right_gradient(case, method):
     """Against the closed form, at a loose, the usual, and a tight tolerance."""
     assert_right(case, method)

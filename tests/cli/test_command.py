@@ -82,6 +82,7 @@ def test_demo_draws_the_motion_of_a_scene_of_ones_own(shown, monkeypatch, tmp_pa
     assert all(f"<!-- {label} -->" in picture for label in ("gap", "velocity", "time [s]"))
 
 
+@pytest.mark.slow
 def test_demo_shows_a_hybrid_system(tmp_path, capsys):
     """As of a scene: the loop with `where` holds the times of the switches constant."""
     picture = tmp_path / "motion.png"

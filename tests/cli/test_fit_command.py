@@ -119,6 +119,7 @@ def test_a_class_that_does_not_say_where_it_starts_is_one_line(tmp_path, capsys)
     assert "own.py:Falling must have a method `initial_state(self)`" in printed
 
 
+@pytest.mark.slow
 def test_json_has_the_doubts_of_the_report(tmp_path, capsys):
     """Assert that a parameter on which nothing depends is undetermined, and that heights in mm, which no speed
     explains, are remarked upon; the same in m are not."""

@@ -82,6 +82,7 @@ def test_where_reset_converges_in_value_but_not_in_gradient(case):
     assert fine.gradient_error == pytest.approx(coarse.gradient_error, rel=0.2)
 
 
+@pytest.mark.slow
 def test_penalty_gradient_does_not_converge_with_the_step():
     """With the springs as they are, three times smaller steps leave the elastic stop's gradient wrong by 17 percent."""
     coarse, fine = table(P2, [reverse(f"{n}", partial(penalty_contact, steps=n)) for n in (16000, 48000)]).rows

@@ -79,6 +79,7 @@ def test_the_control_with_knots_has_the_closed_form_gradient():
     np.testing.assert_allclose(by_values, expected, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_periodic_orbit_has_its_closed_form(monkeypatch):
     """A ball that comes back after a period has v = weight / 2; its impact turns v round if the table moves at
     u = weight (1 - e) / (1 + e) / 2 = 2 pi a cos(2 pi t)."""

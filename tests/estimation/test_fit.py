@@ -227,6 +227,7 @@ def test_a_robust_fit_needs_sigmas():
         fit(BouncingBall(), measurements([0.1], [1.0]), robust=2.0)
 
 
+@pytest.mark.slow
 def test_many_starts_agree_with_one(record, near):
     """Assert that the best of 4 starts in one compiled run is the minimum that a single good start finds."""
     several = fit(ElasticStop(**NEAR), record, starts=RandomStarts(4, spread=0.05), **STOP)

@@ -74,7 +74,10 @@ def test_switching_times_of_bang_bang_control():
     np.testing.assert_allclose(by_heights, np.stack([truth[1]] * 2), rtol=1e-8)
 
 
-@pytest.mark.parametrize("method", ["forward", "recompute", pytest.param("Hessian", marks=pytest.mark.slow)])
+SLOWLY = [pytest.param(method, marks=pytest.mark.slow) for method in ("recompute", "Hessian")]
+
+
+@pytest.mark.parametrize("method", ["forward", *SLOWLY])
 def test_other_ways_to_differentiate_agree(method):
     """Forward mode, recomputed segments, and forward over reverse."""
     truth = jax.grad(closed_form)(TAU)

@@ -32,7 +32,10 @@ class Stairs(hs.AbstractScene):
         return self.times
 
 
-@pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
+METHODS = [hs.Replay(), pytest.param(hs.ForwardSensitivities(), marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("adjoint", METHODS, ids=["reverse", "forward"])
 @pytest.mark.parametrize("t0", [0.0, 1e6, 1.7e9])
 def test_a_hundred_jump_times_at_any_clock(t0, adjoint):
     """At 1.7e9 each jump time lost 6e-6 of a second, and the body its way there."""

@@ -81,6 +81,7 @@ def test_what_a_trace_tells_of_a_mass_matrix():
     assert {form(name) for name in ("depends on q", "diagonal", "tridiagonal", "identity")} == {None}
 
 
+@pytest.mark.slow
 def test_a_motion_is_the_same_with_any_form_of_its_mass():
     """State and gradient: by a band, and by an inverse that is known before the motion begins."""
 

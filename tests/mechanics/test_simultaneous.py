@@ -68,7 +68,8 @@ class BouncingValley(Valley):
     sustained_contact = False
 
 
-@pytest.mark.parametrize("kind", [Valley, pytest.param(BouncingValley, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [Valley, BouncingValley])
 def test_walls_that_are_orthogonal_at_this_angle_alone_are_marked(kind):
     """In a V of 90 degrees the walls act on each other at any other angle: the derivative by it does not exist."""
     angle = jnp.array(np.pi / 4)
@@ -113,7 +114,7 @@ class Corner(hs.AbstractScene):
         return jnp.stack([self.e, self.e])
 
 
-@pytest.mark.parametrize("way", ["alone", "batch"])
+@pytest.mark.parametrize("way", ["alone", pytest.param("batch", marks=pytest.mark.slow)])
 def test_marks_go_through_gradients_and_batches(way):
     """As other discrete data of the ledger: a gradient passes them by, and each lane has its own."""
 

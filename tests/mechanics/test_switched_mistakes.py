@@ -120,6 +120,7 @@ def test_a_motion_with_switches_is_told_of_and_saved(tmp_path):
     assert jnp.allclose(motion.evaluate(0.5).q, motion.evaluate([0.3, 0.5]).q[1])
 
 
+@pytest.mark.slow
 def test_values_that_are_closed_over_keep_their_gradient():
     """A threshold that `switches` closes over moves the motion as one that is a field does."""
 

@@ -133,6 +133,7 @@ def test_a_pendulum_of_two_links_is_the_double_pendulum():
     assert_close(ends[0].final.q, ends[1].final.q, 1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unevenness", [0.0, 0.01])
 def test_a_block_comes_to_rest_on_ten_feet(unevenness):
     """Even: level, on all feet. Uneven: still, above the floor, and touching it with three feet at least."""

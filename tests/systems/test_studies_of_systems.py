@@ -41,6 +41,7 @@ def test_a_sweep_of_a_system():
     assert_close(found["x.i"].values[..., 0], np.full((2, 3), 1.6), 1e-12)
 
 
+@pytest.mark.slow
 def test_a_check_of_a_system():
     """All agree."""
     check = hs.check_gradient(NEURON, third_spike)
@@ -59,6 +60,7 @@ def test_a_check_of_a_system_whose_derivative_is_not_that_of_its_function():
     assert [entry.parameter for entry in broken.parameters if entry.verdict] == ["w"]
 
 
+@pytest.mark.slow
 def test_a_comparison_of_a_system():
     """Our rows are right. The loop that holds the events' times constant has a right value and a wrong gradient."""
     cost = lambda neuron, solve: solve(neuron, {"v": 0.0, "i": 1.6}, t1=1.6).final["v"]

@@ -130,6 +130,7 @@ def test_a_derivative_past_a_number_is_told_of(ball):
     assert told(height, ball) == told(eqx.filter_grad(height), Ball(9.81)) == []
 
 
+@pytest.mark.slow
 def test_a_number_stays_a_number_beside_whatever_else_the_fields_hold():
     """It may be asked about by `if`, in every transformation; only what is a parameter is an array there."""
     ball, exact = NamedBall(jnp.array(2.0)), 1 - 2 * 2.0 * 0.3**2 / 2

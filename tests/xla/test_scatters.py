@@ -62,6 +62,7 @@ class Ring(hs.AbstractScene):
         return jnp.full(3, 0.5)
 
 
+@pytest.mark.slow
 def test_a_force_by_indices_leaves_a_motion_and_its_gradient_one_kernel_each():
     start = hs.State(jnp.array([0.5, 0.7, 1.0]), jnp.zeros(3))
     cost = lambda k: jnp.sum(hs.simulate(Ring(k), start, t1=1.5, throw=False).final.q)
