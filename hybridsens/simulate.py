@@ -106,7 +106,7 @@ def simulate(
     its caller's choice: from `jax.jit` or `eqx.filter_jit` a `SimulationError` arrives as `jax.errors.JaxRuntimeError`,
     or as ValueError where the program ran on in the background, with its text as the last line. A program that raises
     cannot be exported by `jax.export` (NotImplementedError): use `throw=False` or "nan" there. `jax.shard_map` needs
-    `check_vma=False`.
+    `check_vma=False`, and a batch that is placed on several devices a mesh with automatic axes.
     """
     again = functools.partial(
         simulate, scene, state, mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,

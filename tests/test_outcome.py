@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import pytest
-from jax.sharding import AxisType, PartitionSpec
+from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 import hybridsens as hs
 from hybridsens.outcome import raise_unless_successful
@@ -106,6 +106,17 @@ def test_shard_map_is_told_what_it_needs():
     with pytest.raises(ValueError, match=r"check_vma=False.*\['lane'\]"):
         shard()(W[None])
     assert jnp.allclose(shard(check_vma=False)(W[None]), -0.005, rtol=1e-9)
+
+
+def test_a_mesh_with_explicit_axes_must_be_the_one_in_use():
+    """`jax.make_mesh` makes one by default, on which the constants of a loop do not lie."""
+    mesh = jax.make_mesh((1,), ("lane",), axis_types=(AxisType.Explicit,))
+    height = jax.jit(lambda w: final(w, False, 0.1))
+    placed = jax.device_put(W, NamedSharding(mesh, PartitionSpec()))
+    with pytest.raises(ValueError, match=r"explicit axes \['lane'\].*AxisType.Auto"):
+        height(placed)
+    with jax.set_mesh(mesh):
+        assert height(placed) == final(W, False, 0.1)
 
 
 def test_a_motion_that_grazes_is_not_said_to_have_broken_off():

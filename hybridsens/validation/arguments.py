@@ -46,12 +46,20 @@ def real_fraction(name: str, value):
 
 
 def check_mesh(*given) -> None:
-    """Raise ValueError inside of a `jax.shard_map` that follows what varies over the mesh.
+    """Raise ValueError inside of a `jax.shard_map` that follows what varies over the mesh, and where arrays lie on a
+    mesh with explicit axes that is not the one in use.
 
-    It asks that what a loop carries varies from the start as it does in the end. The loops of Diffrax begin with
-    constants, which vary over nothing, so that no care taken here would do."""
-    arrays = [leaf for leaf in jax.tree.leaves(given) if isinstance(leaf, jax.Array)]
-    over = sorted({str(axis) for leaf in arrays for axis in _varies_over(jax.typeof(leaf))})
+    Both ask that what a loop carries has one type from the start to the end. The loops of Diffrax begin with
+    constants, which vary over nothing and lie on the mesh in use, so that no care taken here would do."""
+    kinds = [jax.typeof(leaf) for leaf in jax.tree.leaves(given) if isinstance(leaf, jax.Array)]
+    explicit = sorted({str(axis) for kind in kinds for axis in kind.sharding.mesh.explicit_axes})
+    if explicit and jax.sharding.get_abstract_mesh().empty:
+        raise ValueError(
+            "Arrays of a motion must not lie on a mesh with explicit axes outside of `with jax.set_mesh(mesh)`, but "
+            f"some lie on one with the explicit axes {explicit}: give jax.make_mesh "
+            "axis_types=(jax.sharding.AxisType.Auto,) for each axis, or use hybridsens.sweep."
+        )
+    over = sorted({str(axis) for kind in kinds for axis in _varies_over(kind)})
     if over:
         raise ValueError(
             "Inside of jax.shard_map a motion must be computed with check_vma=False, but here JAX follows what varies "
