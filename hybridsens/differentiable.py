@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .adjoint.methods import AbstractGradientMethod, Replay
+from .adjoint.methods import AbstractGradientMethod
 from .forward.record import Motion
 from .forward.short_record import is_whole, lengthened, shortened
 from .observables import Observables
@@ -33,9 +33,7 @@ class Record(NamedTuple):
     """Of a motion by itself."""
 
 
-def differentiable_motion(
-    problem: Problem, options: Options, adjoint: AbstractGradientMethod | None = None
-) -> Reported:
+def differentiable_motion(problem: Problem, options: Options, adjoint: AbstractGradientMethod) -> Reported:
     """Motion of a hybrid system from (t0, x0) to t1, differentiable in all of `problem`.
 
     In reverse mode, and forward over reverse; in forward mode; or in both: as the gradient method serves them.
@@ -43,7 +41,6 @@ def differentiable_motion(
     problem = problem._replace(system=TracedOnce(problem.system))
     # JAX traces the rule below under the mesh that it finds, named; were it not named here, all would be traced twice.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
-        adjoint = adjoint or Replay()
         if not adjoint.reverse_mode:
             return _move(problem, options)[0]
         return (_solve_in_any_mode if adjoint.forward_mode else _solve_in_reverse)(problem, options, adjoint)

@@ -29,9 +29,7 @@ def warn_of_system(system: AbstractHybridSystem, cost_rate: Callable | None, giv
     transition may choose as it likes."""
     if system.known_discontinuities:
         return
-    found = that_matter(system_breaks(system, cost_rate, given), times_declared)
-    moved = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
-    warn(found, remedies_for(moved, REMEDIES), "system")
+    warn(system_breaks(system, cost_rate, given), times_declared, REMEDIES, "system")
 
 
 def system_breaks(system: AbstractHybridSystem, cost_rate: Callable | None, given) -> dict[str, list[Break]]:
@@ -65,14 +63,18 @@ def that_matter(found: Mapping[str, list[Break]], times_declared: bool) -> dict[
     return {name: those for name, those in found.items() if those}
 
 
-def warn(found: Mapping[str, list[Break]], remedies: list[str], owner: str) -> None:
-    """One sentence for each function, then what follows and what to do; nothing where nothing was found."""
+def warn(found: Mapping[str, list[Break]], times_declared: bool, remedies: Mapping[str, str], owner: str) -> None:
+    """One sentence for each function that has breaks that matter, then what follows and what to do; nothing where none
+    has."""
+    found = that_matter(found, times_declared)
     if not found:
         return
+    moved = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
+    remedy = " ".join(remedies_for(moved, remedies))
     told = " ".join(f"`{name}` must be smooth, but has {_listed(those)}." for name, those in found.items())
     warnings.warn(
         f"{told} A kink costs accuracy; a jump makes the gradient wrong, because the shift of its instant is left out. "
-        f"{' '.join(remedies)} If it does no harm, set `known_discontinuities = True` in the {owner}, or ignore "
+        f"{remedy} If it does no harm, set `known_discontinuities = True` in the {owner}, or ignore "
         "`hybridsens.DiscontinuityWarning` by `warnings.filterwarnings`.",
         DiscontinuityWarning,
         stacklevel=3,

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .adjoint.backward import pull_back
-from .adjoint.control import DerivativeControl, control_order
+from .adjoint.control import DerivativeControl
 from .adjoint.forward_sensitivity import ForwardPass, push_forward
 from .adjoint.methods import AbstractGradientMethod
 from .adjoint.step import in_steps
@@ -123,7 +123,8 @@ def _control(settings: RunSettings, solver) -> DerivativeControl:
     rtol = settings.derivative_rtol
     if rtol is None:
         rtol = jnp.minimum(100 * settings.rtol, jnp.maximum(1e-5, settings.rtol))
-    return DerivativeControl(rtol, settings.atol / settings.rtol, control_order(solver, TERM), 4 * settings.max_steps)
+    order = float(solver.error_order(TERM) or 2)
+    return DerivativeControl(rtol, settings.atol / settings.rtol, order, 4 * settings.max_steps)
 
 
 def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):

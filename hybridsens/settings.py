@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, TypedDict
 
 import diffrax
 import equinox as eqx
@@ -94,23 +94,14 @@ def _and_arguments(arguments: Iterable[str]) -> str:
     return f"; its own arguments are {', '.join(arguments)}" if arguments else ""
 
 
-class Numbers(NamedTuple):
-    """Settings that are numbers.
+def given_numbers(rtol, atol, max_step, capture_speed, dtype, arguments) -> tuple[Any, Any, Any, Any]:
+    """The settings that are numbers, checked, in the same order.
 
-    Inside of a program that is being compiled they are constants of it, which is quicker. A call by itself makes arrays
-    of them: then one compiled program serves all values."""
-
-    rtol: Any
-    atol: Any
-    max_step: Any
-    capture_speed: Any
-
-
-def given_numbers(rtol, atol, max_step, capture_speed, dtype, arguments) -> Numbers:
-    """The settings that are numbers; `arguments` of the motion tell whether a program is being compiled."""
+    Inside of a program that is being compiled, as `arguments` of the motion tell, they are constants of it, which is
+    quicker. A call by itself makes arrays of them: then one compiled program serves all values."""
     rtol, atol = _tolerances(real_tolerance("rtol", rtol), real_tolerance("atol", atol), dtype)
     max_step = None if max_step is None else real_tolerance("max_step", max_step)
-    numbers = Numbers(rtol, atol, max_step, real_fraction("capture_speed", capture_speed))
+    numbers = (rtol, atol, max_step, real_fraction("capture_speed", capture_speed))
     arrays, known = eqx.partition(numbers, lambda x: isinstance(x, jax.Array))
     if jax.tree.leaves(arrays):
         arrays = jax.tree.map(lambda x: x.astype(dtype), not_differentiable(arrays))

@@ -91,7 +91,7 @@ class Solution(eqx.Module):
         """An xarray Dataset of all that is here, named by the leaves of the state and of the mode (x.v, event_after.v,
         event_mode.on), with events in as many rows as there were.
 
-        Raises: ImportError without xarray; ValueError for a batch of motions."""
+        Raises: ImportError without xarray; ValueError for a batch of motions or inside of a JAX transformation."""
         return solution_dataset(self)
 
     def to_pandas(self):
@@ -109,9 +109,7 @@ class Solution(eqx.Module):
         outlined = with_structure(self.to_xarray(), x=self.final, mode=self.mode, cost=self.cost)
         write_netcdf(outlined, path)
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return preformatted(self)
+    _repr_html_ = preformatted  # what a notebook shows
 
     def __str__(self) -> str:
         if isinstance(self.events.count, jax.core.Tracer):

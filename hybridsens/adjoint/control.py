@@ -13,7 +13,6 @@ and cut a step that does not resolve them. The motion is resolved already, so an
 
 from typing import Any
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -127,11 +126,6 @@ def of_all_directions(ratio):
 def is_noise(size, peak, roundings=NOISE):
     """Whether what a derivative was has been wiped out but for rounding."""
     return size <= roundings * jnp.finfo(peak.dtype).eps * peak
-
-
-def control_order(solver: diffrax.AbstractSolver, term) -> float:
-    """At which power of the step the solver's error estimate falls."""
-    return float(solver.error_order(term) or 2)
 
 
 def _largest_ratio(error, scale):

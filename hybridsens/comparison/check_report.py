@@ -25,27 +25,21 @@ class GradientCheck(NamedTuple):
         """Whether every test that could be made was passed, and each parameter could be tested."""
         return not any(check.verdict for check in (*self.parameters, *self.events))
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return preformatted(self)
+    _repr_html_ = preformatted  # what a notebook shows
 
     def __str__(self) -> str:
-        return format_check(self)
-
-
-def format_check(check: GradientCheck) -> str:
-    """One line for each parameter and for each event, and a last line that sums up."""
-    width = max(len("dJ/d"), *(len(entry.parameter) for entry in check.parameters)) + 2
-    columns = f"{'adjoint':>16}{'forward':>16}{'differences':>16}{'+-':>9}{'reference':>16}"
-    lines = [name_and_numbers("dJ/d", columns, width)]
-    lines += [_parameter_line(entry, width) for entry in check.parameters]
-    lines += ["", *_event_lines(check.events)] if check.events else []
-    wrong = [entry.parameter for entry in check.parameters if entry.verdict]
-    events = [entry.label for entry in check.events if entry.verdict]
-    if check.ok:
-        return "\n".join([*lines, "", "All agree."])
-    doubt = wrapped(f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}.", 4)
-    return "\n".join([*lines, "", doubt, *map(_cause_line, check.causes)])
+        """One line for each parameter and for each event, and a last line that sums up."""
+        width = max(len("dJ/d"), *(len(entry.parameter) for entry in self.parameters)) + 2
+        columns = f"{'adjoint':>16}{'forward':>16}{'differences':>16}{'+-':>9}{'reference':>16}"
+        lines = [name_and_numbers("dJ/d", columns, width)]
+        lines += [_parameter_line(entry, width) for entry in self.parameters]
+        lines += ["", *_event_lines(self.events)] if self.events else []
+        if self.ok:
+            return "\n".join([*lines, "", "All agree."])
+        wrong = [entry.parameter for entry in self.parameters if entry.verdict]
+        events = [entry.label for entry in self.events if entry.verdict]
+        doubt = wrapped(f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}.", 4)
+        return "\n".join([*lines, "", doubt, *map(_cause_line, self.causes)])
 
 
 def _parameter_line(entry: ParameterCheck, width: int) -> str:

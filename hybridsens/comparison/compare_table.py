@@ -64,29 +64,29 @@ class Comparison(NamedTuple):
         """The row of a method, by its name. Raises: KeyError for a name that is not there."""
         return {row.method: row for row in self.rows}[method]
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return preformatted(self)
+    _repr_html_ = preformatted  # what a notebook shows
 
     def __str__(self) -> str:
-        return format_comparison(self)
+        """Two tables of plain text: the methods with their errors and costs, and the entries of their gradients."""
+        width = max([len(row.method) for row in self.rows], default=0) + 6
+        beside = width + len(HEAD) <= TERMINAL
+        lines = [name_and_numbers("", HEAD, width).lstrip("\n")]
+        lines += [f"{'    reference':{width if beside else TERMINAL - len(HEAD)}}{self.reference.value:>14.9g}"]
+        lines += [_method_line(number, row, width) for number, row in enumerate(self.rows, 1)]
+        if self.interrupted:
+            lines.append("    (interrupted: the remaining methods were not run)")
+        return "\n".join([*lines, "", *_gradient_lines(self)])
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the rows, with one column for each entry of the gradient."""
-        write_csv(self, path)
-
-
-def format_comparison(comparison: Comparison) -> str:
-    """Two tables of plain text: the methods with their errors and costs, and the entries of their gradients."""
-    reference = comparison.reference
-    width = max([len(row.method) for row in comparison.rows], default=0) + 6
-    beside = width + len(HEAD) <= TERMINAL
-    lines = [name_and_numbers("", HEAD, width).lstrip("\n")]
-    lines += [f"{'    reference':{width if beside else TERMINAL - len(HEAD)}}{reference.value:>14.9g}"]
-    lines += [_method_line(number, row, width) for number, row in enumerate(comparison.rows, 1)]
-    if comparison.interrupted:
-        lines.append("    (interrupted: the remaining methods were not run)")
-    return "\n".join([*lines, "", *_gradient_lines(comparison)])
+        """Write one line for each method, the reference first, with one column for each entry of the gradient."""
+        with open(path, "w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["method", *COLUMNS, *(f"d/d {name}" for name in self.parameters), "failure"])
+            reference = self.reference
+            writer.writerow(["reference", reference.value, *[""] * (len(COLUMNS) - 1), *reference.gradient, ""])
+            for row in self.rows:
+                gradient = [""] * len(self.parameters) if row.gradient is None else row.gradient
+                writer.writerow([row.method, *(getattr(row, column) for column in COLUMNS), *gradient, row.failure])
 
 
 def _method_line(number: int, row: Row, width: int) -> str:
@@ -112,18 +112,6 @@ def _gradient_lines(comparison: Comparison):
         for i, name in enumerate(comparison.parameters):
             entries = [comparison.reference.gradient, *(row.gradient for _, row in shown)]
             yield f"{name:{width}}" + "".join(f"{entry[i]:>16.9g}" for entry in entries)
-
-
-def write_csv(comparison: Comparison, path: str | Path) -> None:
-    """One line for each method, the reference first."""
-    with open(path, "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["method", *COLUMNS, *(f"d/d {name}" for name in comparison.parameters), "failure"])
-        reference = comparison.reference
-        writer.writerow(["reference", reference.value, *[""] * (len(COLUMNS) - 1), *reference.gradient, ""])
-        for row in comparison.rows:
-            gradient = [""] * len(comparison.parameters) if row.gradient is None else row.gradient
-            writer.writerow([row.method, *(getattr(row, column) for column in COLUMNS), *gradient, row.failure])
 
 
 def _time(seconds: float) -> str:

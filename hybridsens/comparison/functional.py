@@ -174,18 +174,14 @@ def _real_scalar(J: Any) -> Float[Array, ""]:
     return J
 
 
-def reached_end(status: Status) -> bool:
-    """Whether a motion is whole. One that grazed a contact is: what that costs the gradient, a study measures."""
-    return bool(status.reached_end)
-
-
 def all_reached_end(reported: Reported) -> bool:
-    """Whether every motion of ours is whole."""
-    return all(map(reached_end, reported.status))
+    """Whether every motion of ours is whole. One that grazed a contact is: what that costs the gradient, a study
+    measures."""
+    return all(bool(status.reached_end) for status in reported.status)
 
 
 def raise_unless_reached_end(reported: Reported) -> None:
     """Raise SimulationError if a motion of ours is not whole."""
     for status in reported.status:
-        if not reached_end(status):
+        if not status.reached_end:
             raise SimulationError(str(status))

@@ -64,9 +64,7 @@ class WorkPrecision(NamedTuple):
         good = [point for point in self.points if not point.failure and point.gradient_error <= gradient_error]
         return min(good, key=lambda point: point.seconds, default=None)
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return preformatted(self)
+    _repr_html_ = preformatted  # what a notebook shows
 
     def __str__(self) -> str:
         front = set(self.pareto())

@@ -131,15 +131,32 @@ class FitResult(eqx.Module):
         """Directions of relative change known worse than `limit`, beside `uncertainty.null_directions`."""
         return weak_directions(self.labels, self.values, self.covariance, limit)
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return preformatted(self)
+    _repr_html_ = preformatted  # what a notebook shows
 
     def to_xarray(self):
-        """An xarray Dataset of parameters with their errors, measurements with residuals, and the history.
-
-        Raises: ImportError without xarray."""
-        return fit_dataset(self)
+        """An xarray Dataset: parameters with their errors over `parameter`, measurements and predictions with residuals
+        over (`time`, `observation`), the history over `iteration`. Raises: ImportError without xarray."""
+        xarray = optional("xarray", "to_xarray()", "fit")
+        data, pair = self.data, ("time", "observation")
+        coords = {
+            "parameter": list(self.labels),
+            "other": list(self.labels),
+            "time": ("time", np.asarray(data.times), {"units": "s"}),
+            "observation": list(data.names),
+        }
+        variables: dict[str, Any] = {
+            **_parameters(self),
+            "measured": (pair, data.values),
+            "predicted": (pair, self.predictions),
+            "residual": (pair, self.residuals, {"long_name": "predicted less measured"}),
+            "event_time": ("event", data.event_times, {"units": "s", "long_name": "measured time of an impact"}),
+            "event_residual": ("event", self.event_residuals, {"units": "s"}),
+            "loss": ("iteration", np.array([line.loss for line in self.history])),
+            "gradient_norm": ("iteration", np.array([line.gradient_norm for line in self.history])),
+        }
+        attributes = {"hybridsens": "fit", "stopped": self.stopped, "final_loss": self.loss, "report": str(self)}
+        arrays = {name: (dims, np.asarray(values), *more) for name, (dims, values, *more) in variables.items()}
+        return xarray.Dataset(arrays, coords, attributes)
 
     def save(self, path: str | Path) -> None:
         """Write that Dataset to a netCDF file (.nc), which `hybridsens.load` or xarray opens. The scene is not in it.
@@ -153,32 +170,6 @@ class FitResult(eqx.Module):
     def plot(self):
         """A Matplotlib figure of data and fit, residuals, and convergence; see `plot.plot_fit`."""
         return plot_fit(self)
-
-
-def fit_dataset(result: FitResult):
-    """Parameters over `parameter`, measurements and predictions over (`time`, `observation`), iterations over
-    `iteration`. Raises: ImportError without xarray."""
-    xarray = optional("xarray", "to_xarray()", "fit")
-    data, pair = result.data, ("time", "observation")
-    coords = {
-        "parameter": list(result.labels),
-        "other": list(result.labels),
-        "time": ("time", np.asarray(data.times), {"units": "s"}),
-        "observation": list(data.names),
-    }
-    variables: dict[str, Any] = {
-        **_parameters(result),
-        "measured": (pair, data.values),
-        "predicted": (pair, result.predictions),
-        "residual": (pair, result.residuals, {"long_name": "predicted less measured"}),
-        "event_time": ("event", data.event_times, {"units": "s", "long_name": "measured time of an impact"}),
-        "event_residual": ("event", result.event_residuals, {"units": "s"}),
-        "loss": ("iteration", np.array([line.loss for line in result.history])),
-        "gradient_norm": ("iteration", np.array([line.gradient_norm for line in result.history])),
-    }
-    attributes = {"hybridsens": "fit", "stopped": result.stopped, "final_loss": result.loss, "report": str(result)}
-    arrays = {name: (dims, np.asarray(values), *more) for name, (dims, values, *more) in variables.items()}
-    return xarray.Dataset(arrays, coords, attributes)
 
 
 def _parameters(result: FitResult) -> dict[str, tuple]:

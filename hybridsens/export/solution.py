@@ -10,10 +10,7 @@ from .trees import named_leaves, variables
 
 
 def solution_dataset(solution: Any):
-    """The leaves of the state over `time` (x.v, ...), events over `event` (as many rows as there were: event_time,
-    event_guard, event_before.v, event_after.v, event_mode), the final state and mode, the cost.
-
-    Raises: ImportError without xarray; ValueError for a batch or inside of a JAX transformation."""
+    """As `Solution.to_xarray`: the state over `time`, events over `event`, the final state and mode, the cost."""
     must_be_one(solution.events.count, "to_xarray()")
     xarray = optional("xarray", "to_xarray()")
     events = _happened(solution.events)
@@ -35,9 +32,7 @@ def solution_dataset(solution: Any):
 
 
 def solution_samples(solution: Any):
-    """One row for each sample, indexed by time, one column for each entry of the state.
-
-    Raises: ImportError without pandas; ValueError for a batch, or a motion without samples."""
+    """As `Solution.to_pandas`: one row for each sample, one column for each entry of the state."""
     must_be_one(solution.events.count, "to_pandas()")
     must_have_samples(solution, "solve")
     pandas = optional("pandas", "to_pandas()")
@@ -45,9 +40,7 @@ def solution_samples(solution: Any):
 
 
 def solution_events(events: Any):
-    """One row for each event that there was, in the order of time.
-
-    Raises: ImportError without pandas; ValueError for a batch."""
+    """As `SolutionEvents.to_pandas`: one row for each event that there was."""
     must_be_one(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     rows = _happened(events)

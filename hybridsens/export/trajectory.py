@@ -13,9 +13,7 @@ KINDS = "impact capture release switch"
 
 
 def motion_dataset(motion: Any, scene: Any):
-    """Samples over `time`, events over `event` (as many rows as there were), the final state, the cost.
-
-    Raises: ImportError without xarray; ValueError for a batch or inside of a JAX transformation."""
+    """As `Trajectory.to_xarray`: samples over `time`, events over `event`, the final state, the cost."""
     must_be_one(motion.events.count, "to_xarray()")
     xarray = optional("xarray", "to_xarray()")
     q_names, v_names = coordinate_names(scene, motion.final.q.shape[0])
@@ -60,9 +58,7 @@ def _events(events, scene) -> dict[str, tuple]:
 
 
 def samples_frame(motion: Any, scene: Any):
-    """One row for each sample, indexed by time [s]; columns are coordinates, then velocities.
-
-    Raises: ImportError without pandas; ValueError for a batch, or a motion without samples."""
+    """As `Trajectory.to_pandas`: one row for each sample; columns are coordinates, then velocities."""
     must_be_one(motion.events.count, "to_pandas()")
     must_have_samples(motion, "simulate")
     pandas = optional("pandas", "to_pandas()")
@@ -72,9 +68,7 @@ def samples_frame(motion: Any, scene: Any):
 
 
 def events_frame(events: Any, scene: Any):
-    """One row for each event that there was, in the order of time.
-
-    Raises: ImportError without pandas; ValueError for a batch."""
+    """As `Events.to_pandas`: one row for each event that there was."""
     must_be_one(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     n = int(events.count)

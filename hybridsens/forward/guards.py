@@ -47,8 +47,3 @@ def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> tuple[Int[Ar
         return jnp.array(-1), jnp.array(-jnp.inf, guard.dtype)
     since = jnp.where(candidates, guard / jnp.where(rate < 0, rate, 1), -jnp.inf)
     return jnp.argmax(since), jnp.max(since)
-
-
-def are_known(guard, rate) -> Bool[Array, ""]:
-    """Whether guards are finite and their rates are numbers; a rate may be infinite where a gap is a square root."""
-    return jnp.all(jnp.isfinite(guard) & ~jnp.isnan(rate))

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..flat_system import StepEnds
 from ..numerics.cubic import first_falling_root, hides_a_dip, tangents_meet_below
 from ..numerics.tolerances import AT_END, closeness, rounding, time_resolution
-from .guards import are_known, first_to_fall
+from .guards import first_to_fall
 
 MUCH = 1e3
 """A guard that falls by so many times what its rates explain has jumped."""
@@ -77,27 +77,18 @@ def _nothing(step: StepEnds) -> Inside:
 
 
 def _near(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
-    """Which guards have to be looked at: in all others `_look` finds nothing, by any of its rules."""
-    return ~(_are_far(step, resolution) & _is_long(step, resolution))
+    """Which guards have to be looked at: in all others `_look` finds nothing, by any of its rules.
 
-
-def _are_far(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
-    """Which guards stay well above zero, by their tangents at both ends and by what they bend between them.
-
-    It is false for one that is no number."""
+    Those are far which stay well above zero, by their tangents at both ends and by what they bend between them, in a
+    step that is longer than what time can resolve. One that is no number is not."""
     h = step.t1 - step.t0
+    is_long = (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, resolution.shortenings))
     g0, d0, g1, d1 = step.guard0, step.rate0 * h, step.guard1, step.rate1 * h
     lowest = jnp.minimum(jnp.minimum(g0, g0 + d0), jnp.minimum(g1, g1 - d1))  # no more than any point of the cubic
     # Nor does it fall soon after: `to_go` is asked about up to a tenth of the step.
     lowest = jnp.minimum(lowest, g1 + d1 / 8)
     bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
-    return lowest > 2 * bend + resolution.rounding + resolution.noise
-
-
-def _is_long(step: StepEnds, resolution: Resolution) -> Bool[Array, ""]:
-    """Whether the step is longer than what time can resolve."""
-    h = step.t1 - step.t0
-    return (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, resolution.shortenings))
+    return ~((lowest > 2 * bend + resolution.rounding + resolution.noise) & is_long)
 
 
 def _look_by_blocks(step: StepEnds, resolution: Resolution, near: Bool[Array, "guard"]) -> Inside:
@@ -149,7 +140,8 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     end = jnp.where(rising, 0, guard + resolution.noise)
     root, miss = first_falling_root(step.guard0, step.rate0 * h, end, rate * h, rounded)
     is_shortest = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
-    known = are_known(guard, rate)  # a guard that is no number would never fall
+    # A guard that is no number would never fall. A rate may be infinite where a gap is a square root.
+    known = jnp.all(jnp.isfinite(guard) & ~jnp.isnan(rate))
     t_root = t0 + jnp.min(jnp.where(on_guard | is_shortest | ~known, jnp.inf, root), initial=jnp.inf) * h
     ends = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
     split = jnp.min(tangents_meet_below(*ends), initial=jnp.inf)

@@ -146,7 +146,8 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
     """
     steps = empty_steps(t0, x0, max_steps)
     room = max_events
-    max_events += jump_count(system) + system.silent_room(max_events)
+    jump_times = system.jump_times()
+    max_events += (0 if jump_times is None else jump_times.shape[0]) + system.silent_room(max_events)
     decision = jax.eval_shape(lambda: system.choose(jnp.array(0), t0, x0, mode))
     _, emitted = jax.eval_shape(lambda decision: system.reset(decision, t0, x0), decision)
     rows = lambda tree: jax.tree.map(lambda leaf: jnp.zeros((max_events + 1, *leaf.shape), leaf.dtype), tree)
@@ -163,12 +164,6 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
     return Motion(
         no, t0, x0, mode, mode, steps, events, jnp.array(-1), never, no, zero, zero, jnp.zeros_like(t0), status
     )  # fmt: skip
-
-
-def jump_count(system: AbstractFlatSystem) -> int:
-    """How many jump times a system declares."""
-    times = system.jump_times()
-    return 0 if times is None else times.shape[0]
 
 
 def empty_steps(t, x, max_steps: int) -> StepRecord:

@@ -22,18 +22,6 @@ class Selection(NamedTuple):
     """Closed contacts with lambda_i = 0 that do not open either: redundant, or touching without force."""
 
 
-def impact_impulse(
-    geometry: ContactGeometry, rate, restitution, support: Bool[Array, "contact"]
-) -> Float[Array, "contact"]:
-    """Impulses P with phi'+ = -e phi'- on the support: W_SS P_S = -(1 + e) phi'-_S, the equality part of (T3)."""
-    return solve_masked(geometry.delassus_matrix, -(1 + restitution) * rate, support.astype(rate.dtype))
-
-
-def rest_impulse(geometry: ContactGeometry, rate, brought_to_rest: Bool[Array, "contact"]) -> Float[Array, "contact"]:
-    """Impulses with phi'+ = 0 on the contacts brought to rest, of either sign."""
-    return solve_masked(geometry.delassus_matrix, -rate, brought_to_rest.astype(rate.dtype))
-
-
 def transition_impulse(
     geometry: ContactGeometry,
     rate,
@@ -41,11 +29,14 @@ def transition_impulse(
     support: Bool[Array, "contact"],
     brought_to_rest: Bool[Array, "contact"],
 ) -> Float[Array, "contact"]:
-    """All impulses of an event: those of the impact, then those that bring contacts to rest."""
-    impulse = impact_impulse(geometry, rate, restitution, support)
+    """All impulses of an event. First those of the impact, with phi'+ = -e phi'- on the support: W_SS P_S =
+    -(1 + e) phi'-_S, the equality part of (T3). Then those, of either sign, with phi'+ = 0 on the contacts brought to
+    rest."""
+    W = geometry.delassus_matrix
+    impulse = solve_masked(W, -(1 + restitution) * rate, support.astype(rate.dtype))
     if rate.shape[0] == 1:  # one contact has no neighbour to settle with
         return impulse
-    return impulse + rest_impulse(geometry, rate + geometry.delassus_matrix @ impulse, brought_to_rest)
+    return impulse + solve_masked(W, -(rate + W @ impulse), brought_to_rest.astype(rate.dtype))
 
 
 def impulse_support(

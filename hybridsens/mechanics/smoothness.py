@@ -6,7 +6,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from ..discontinuities import listed_breaks, remedies_for, that_matter, warn
+from ..discontinuities import listed_breaks, warn
 from ..interval.breaks import Break
 from ..numerics.tolerances import MOST_RELAXED, closeness, time_resolution
 from .contact import gap_and_rate
@@ -63,9 +63,7 @@ def warn_of_discontinuities(
     """
     if scene.known_discontinuities:
         return
-    found = that_matter(scene_breaks(scene, t, q, v, running_cost), times_declared)
-    inputs = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
-    warn(found, remedies_for(inputs, REMEDIES), "scene")
+    warn(scene_breaks(scene, t, q, v, running_cost), times_declared, REMEDIES, "scene")
 
 
 def scene_breaks(scene: AbstractScene, t, q, v, running_cost: Callable | None = None) -> dict[str, list[Break]]:

@@ -132,7 +132,7 @@ class Trajectory(eqx.Module):
         """An xarray Dataset of all that is here, with events in as many rows as there were.
 
         Coordinates are named as the scene's `coordinates`, contacts as its `contacts`, if it has them.
-        Raises: ImportError without xarray; ValueError for a batch of motions."""
+        Raises: ImportError without xarray; ValueError for a batch of motions or inside of a JAX transformation."""
         return motion_dataset(self, self._scene)
 
     def to_pandas(self):

@@ -28,14 +28,16 @@ they take a tenth of the time."""
 VERY_FEW, SMALL = 4, 16
 """So many are few, where a result of up to so many entries is made of them."""
 
-PAIRS = {
-    lax.reduce_sum_p: operator.add,
-    lax.reduce_max_p: lax.max,
-    lax.reduce_min_p: lax.min,
-    lax.reduce_or_p: operator.or_,
-    lax.reduce_and_p: operator.and_,
+add_up = functools.partial(jnp.sum, promote_integers=False)
+
+REDUCTIONS = {
+    lax.reduce_sum_p: (operator.add, add_up),
+    lax.reduce_max_p: (lax.max, jnp.max),
+    lax.reduce_min_p: (lax.min, jnp.min),
+    lax.reduce_or_p: (operator.or_, jnp.any),
+    lax.reduce_and_p: (operator.and_, jnp.all),
 }
-"""What a reduction does with two numbers."""
+"""What a reduction does with two numbers, and with all of an axis."""
 ORDERS = {lax.argmax_p: operator.gt, lax.argmin_p: operator.lt}
 """Which of two numbers is wanted."""
 
@@ -46,15 +48,15 @@ def short_reduction(equation: JaxprEqn):
     result: Any = equation.outvars[0].aval if equation.outvars else None
     if name is lax.dot_general_p:
         return _dot if _is_short_dot(given, result, equation.params) else None
-    if name not in PAIRS and name not in ORDERS:
+    if name not in REDUCTIONS and name not in ORDERS:
         return None
     x: Any = given[0]
     (axis, *others) = equation.params["axes"] or (None,)
     if others or axis is None or x.size == 0:
         return None
     short = x.shape[axis] <= (FEW if result.size == 1 else VERY_FEW) and result.size <= SMALL
-    if name in PAIRS:
-        return (lambda x: functools.reduce(PAIRS[name], _parts(x, axis))) if short else None
+    if name in REDUCTIONS:
+        return (lambda x: functools.reduce(REDUCTIONS[name][0], _parts(x, axis))) if short else None
     search = _first if short else _search
     return lambda x: search(name, x, axis, equation.params["index_dtype"])
 
@@ -107,16 +109,6 @@ compiled for each piece then, so it is worked out before. More than `LONGEST` ar
 RUNNING = 64
 """The longest running sum that is made by a product with a triangle of ones, which takes n^2 operations."""
 
-add_up = functools.partial(jnp.sum, promote_integers=False)
-
-WHOLE = {
-    lax.reduce_sum_p: add_up,
-    lax.reduce_max_p: jnp.max,
-    lax.reduce_min_p: jnp.min,
-    lax.reduce_or_p: jnp.any,
-    lax.reduce_and_p: jnp.all,
-}
-
 
 def long_reduction(equation: JaxprEqn):
     """The reduction of many numbers, in pieces; None for another equation."""
@@ -128,7 +120,7 @@ def long_reduction(equation: JaxprEqn):
         result: Any = equation.outvars[0].aval
         vectors = is_product_of_vectors(given, result, equation.params) and _is_long(given[0].size)
         return (lambda a, b: add_up(a * b)) if vectors else None
-    if name not in WHOLE or len(equation.params["axes"]) != 1:
+    if name not in REDUCTIONS or len(equation.params["axes"]) != 1:
         return None
     x, (axis,) = given[0], equation.params["axes"]
     return (lambda x: _in_pieces(name, x, axis)) if _is_long(x.shape[axis]) else None
@@ -147,7 +139,8 @@ def _in_pieces(name, x, axis):
     end = count - count % length
     pieces = [lax.slice_in_dim(x, k, k + length, axis=axis) for k in range(0, end, length)]
     rest = [lax.index_in_dim(x, k, axis, keepdims=False) for k in range(end, count)]
-    return functools.reduce(PAIRS[name], [WHOLE[name](functools.reduce(PAIRS[name], pieces), axis), *rest])
+    of_two, of_axis = REDUCTIONS[name]
+    return functools.reduce(of_two, [of_axis(functools.reduce(of_two, pieces), axis), *rest])
 
 
 def _running_sum(x, axis, reverse):
