@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from hybridsens import Status
 from hybridsens.adjoint.methods import Replay
-from hybridsens.comparison.baselines.fixed_steps import naive_motion
+from hybridsens.comparison.baselines import where_reset
 from hybridsens.estimation.problem import Problem
 from hybridsens.mechanics.scene import State
 
@@ -78,7 +78,7 @@ class NaiveProblem(Problem):
         begins = jnp.concatenate([self.t0[None], ends[:-1]])
 
         def to_next_sample(state, interval):
-            state = naive_motion(scene, state, t0=interval[0], t1=interval[1], steps=self.steps).final
+            state = where_reset(scene, state, t0=interval[0], t1=interval[1], steps=self.steps).final
             return state, state
 
         _, states = lax.scan(to_next_sample, self.start.state(scene), (begins, ends))

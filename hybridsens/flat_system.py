@@ -70,6 +70,11 @@ class Searched(NamedTuple):
     """Up to where no guard is below zero."""
 
     @classmethod
+    def nothing(cls, t0) -> "Searched":
+        """No guard falls, or none is looked for, in all of a step that starts at `t0`."""
+        return cls(jnp.full_like(t0, jnp.inf), jnp.ones_like(t0))
+
+    @classmethod
     def first_of(cls, searches: "list[Searched]") -> "Searched":
         """What several searches of one step, each for other guards, found together."""
         return cls(*(jnp.min(jnp.stack(values)) for values in zip(*searches, strict=True)))

@@ -146,9 +146,10 @@ def _table(events: SolutionEvents):
     if count == 0:
         return
     yield f"{'event':>5} {'time':>14} {'guard':>5}  mode after; state after"
-    for j in (shown := rows_shown(count)):
-        if j is None:
-            yield f"{'...':>5} ({count - len(shown) + 1} more)"
-            continue
+
+    def row(j: int) -> str:
         mode = "" if events.mode is None else f"{as_text(_row(events.mode, j))}; "
-        yield f"{j:>5} {float(events.time[j]):>14.9f} {int(events.guard[j]):>5}  {mode}{as_text(_row(events.after, j))}"
+        after = as_text(_row(events.after, j))
+        return f"{j:>5} {float(events.time[j]):>14.9f} {int(events.guard[j]):>5}  {mode}{after}"
+
+    yield from rows_shown(count, row)

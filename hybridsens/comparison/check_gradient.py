@@ -18,9 +18,9 @@ from .check_causes import ParameterCheck, find_causes
 from .check_events import check_events
 from .check_motions import on_sequence, value_with_calls
 from .check_report import GradientCheck
-from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby, value_and_gradient
-from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end, told_of_the_cost
-from .gradient_methods import from_adjoint
+from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby
+from .functional import Cost, all_reached_end, choose_cost, raise_unless_reached_end
+from .gradient_methods import gradient_by
 
 
 def check_gradient(
@@ -127,10 +127,7 @@ def _off(entry: ParameterCheck, right: float, limit: float) -> bool:
 
 
 def _gradient(parameters: FlatParameters, cost: Cost, adjoint: AbstractGradientMethod, settings):
-    method = from_adjoint(adjoint, **settings)
-    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode, options=QUICKLY)
-    with told_of_the_cost():
-        _, gradient, reported = run(parameters.vector)
+    _, gradient, reported = gradient_by(adjoint, parameters, cost, settings, QUICKLY)
     raise_unless_reached_end(reported)
     return np.asarray(gradient)
 
@@ -187,9 +184,8 @@ def resolved_gradient(parameters: FlatParameters, cost: Cost, settings: dict[str
 
     nan where the steps do not suffice for that, or where the motions do not have the given numbers of events.
     """
-    method = from_adjoint(tight_replay(settings["rtol"], parameters.vector.dtype), **settings)
-    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode, options=QUICKLY)
-    _, gradient, reported = run(parameters.vector)
+    method = tight_replay(settings["rtol"], parameters.vector.dtype)
+    _, gradient, reported = gradient_by(method, parameters, cost, settings, QUICKLY)
     same = all_reached_end(reported) and [int(count) for count in reported.count] == counts
     return np.asarray(gradient) if same else np.full(parameters.vector.shape, np.nan)
 

@@ -22,7 +22,7 @@ from .gradient_methods import (
     DEFAULT_ADJOINTS,
     GradientMethod,
     differences,
-    from_adjoint,
+    gradient_by,
     naive_methods,
     naive_methods_of_systems,
     our_methods,
@@ -90,10 +90,7 @@ def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[st
     settings name no solver. Raises: SimulationError."""
     tolerance = max(1e-13, 32 * float(jnp.finfo(parameters.vector.dtype).eps))
     tight = dict(rtol=tolerance, atol=tolerance, solver=settings.get("solver") or diffrax.Dopri8())
-    method = from_adjoint(Replay(), **{**settings, **tight})
-    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode)
-    with told_of_the_cost():
-        value, gradient, reported = run(parameters.vector)
+    value, gradient, reported = gradient_by(Replay(), parameters, cost, {**settings, **tight})
     raise_unless_reached_end(reported)
     count = max((int(count) for count in reported.count), default=None)
     return Reference(float(value), np.asarray(gradient, float), count)

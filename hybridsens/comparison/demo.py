@@ -14,8 +14,7 @@ from ..parameters import flatten_parameters
 from ..solution import Solution
 from ..status import Status
 from ..system import AbstractHybridSystem
-from .baselines import where_transition
-from .baselines.fixed_steps import naive_motion
+from .baselines import where_reset, where_transition
 from .differentiate import finite_differences
 from .functional import move, ready_made_motion
 
@@ -104,5 +103,5 @@ def _cost(scene, **settings):
 
 
 def _naive_cost(scene, steps: int):
-    loop = where_transition if isinstance(scene, AbstractHybridSystem) else naive_motion
+    loop = where_transition if isinstance(scene, AbstractHybridSystem) else where_reset
     return ready_made_motion(scene, loop, steps=steps).cost

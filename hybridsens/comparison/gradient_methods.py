@@ -13,6 +13,7 @@ from ..adjoint.methods import (
     Replay,
 )
 from ..mechanics.switches import has_switches
+from ..parameters import FlatParameters
 from .baselines import (
     constant_event_time,
     events_at_root,
@@ -21,8 +22,8 @@ from .baselines import (
     where_reset,
     where_transition,
 )
-from .differentiate import Mode
-from .functional import move
+from .differentiate import Mode, value_and_gradient
+from .functional import Cost, Reported, functional, move, told_of_the_cost
 
 
 class GradientMethod(NamedTuple):
@@ -50,6 +51,16 @@ def from_adjoint(adjoint: AbstractGradientMethod, **settings) -> GradientMethod:
     mode: Mode = "reverse" if adjoint.reverse_mode else "forward"
     bound = partial(move, adjoint=adjoint, throw=False, **settings)
     return GradientMethod(type(adjoint).__name__, bound, mode)
+
+
+def gradient_by(
+    adjoint: AbstractGradientMethod, parameters: FlatParameters, cost: Cost, settings: Mapping[str, Any], options=None
+) -> tuple[Any, Any, Reported]:
+    """J, dJ/dtheta and what the motions report, by a method of this package; `options` are those of the compiler."""
+    method = from_adjoint(adjoint, **settings)
+    run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode, options=options)
+    with told_of_the_cost():
+        return run(parameters.vector)
 
 
 def adjoint_name(adjoint: AbstractGradientMethod) -> str:

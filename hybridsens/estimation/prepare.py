@@ -1,6 +1,7 @@
 """From what a user says to a least-squares problem: weights, priors, the horizon, where motions begin."""
 
 from collections.abc import Callable, Mapping, Sequence
+from operator import methodcaller
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -24,6 +25,8 @@ SETTINGS = dict(rtol=1e-8, atol=1e-8, max_events=256, max_steps=4096)
 """What the motions of a fit are computed with by default."""
 BEYOND = 0.1
 """How far beyond the last measured event a motion goes on, relative to the time until then."""
+OWN_STATE, OWN_MODE = methodcaller("initial_state"), methodcaller("initial_mode")
+"""Of a scene or a system that says where it begins."""
 
 
 class Unknowns(NamedTuple):
@@ -163,25 +166,17 @@ def beginning(scene, state: Any, mode: Any) -> Start:
     if state is None:
         if not hasattr(scene, "initial_state"):
             raise TypeError(f"`state` must be given, since {type(scene).__name__} has no method `initial_state`.")
-        state = _own_initial_state
+        state = OWN_STATE
     general = isinstance(scene, AbstractHybridSystem)
     if not (general or callable(state) or isinstance(state, State)):
         raise TypeError(f"`state` must be a State, a function of the scene, or None, but is {type(state).__name__}.")
     if mode is not None and not (general or has_switches(scene)):
         raise TypeError("`mode` must be left out for a scene without switches, whose contacts choose their own.")
     if mode is None and hasattr(scene, "initial_mode"):
-        mode = _own_initial_mode
+        mode = OWN_MODE
     if not callable(state):
         state = _Fixed(state_as_arrays(state)[0] if general else concrete(state))
     return Start(state, mode)
-
-
-def _own_initial_state(scene):
-    return scene.initial_state()
-
-
-def _own_initial_mode(system):
-    return system.initial_mode()
 
 
 class _Fixed(eqx.Module):

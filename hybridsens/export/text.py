@@ -1,7 +1,7 @@
 """Results as text: modules with their numbers, tables that fit a terminal of 80 columns, what a notebook shows."""
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
 from typing import Any
 
@@ -31,10 +31,14 @@ MOST_ROWS = 20
 """How many rows of a long table are shown."""
 
 
-def rows_shown(count: int) -> list[int | None]:
-    """Numbers of the rows of a table that are shown: all, or the first and the last with None between them."""
-    half = MOST_ROWS // 2
-    return list(range(count)) if count <= MOST_ROWS else [*range(half), None, *range(count - half + 1, count)]
+def rows_shown(count: int, row: Callable[[int], str]) -> Iterator[str]:
+    """The rows of a table that are shown: all, or the first and the last with "... (n more)" between them."""
+    hidden = range(MOST_ROWS // 2, count - MOST_ROWS // 2 + 1) if count > MOST_ROWS else range(0)
+    for j in range(count):
+        if j not in hidden:
+            yield row(j)
+        elif j == hidden.start:
+            yield f"{'...':>5} ({len(hidden)} more)"
 
 
 def wrapped(text: str, indent: int) -> str:

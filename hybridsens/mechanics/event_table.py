@@ -37,16 +37,16 @@ def event_table(events: Any):
     wide = max(map(len, ["contact", *names]))
     numbers = f"{'event':>5} {'time':>14} {'kind':>8} {'contact':>{wide}} {'closing speed':>14} {'impulse':>12}"
     yield f"{numbers}  state{mode} after"
-    for j in (shown := rows_shown(count)):
-        if j is None:
-            yield f"{'...':>5} ({count - len(shown) + 1} more)"
-            continue
+
+    def row(j: int) -> str:
         kind = EventKind(int(events.kind[j])).name.lower()
         after, speed = _after(events, j), float(events.closing_speed[j])
-        yield (
+        return (
             f"{j:>5} {float(events.time[j]):>14.9f} {kind:>8} {names[j]:>{wide}} {speed:>14.6g} "
             f"{_impulse(events, j):>12.6g}  {after}{' *' if events.order_matters[j] else ''}"
         )
+
+    yield from rows_shown(count, row)
     if np.any(events.order_matters[:count]):
         yield (
             "* Contacts that act on each other, here or for other parameters, were met at the same instant. Another "

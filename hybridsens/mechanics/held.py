@@ -80,10 +80,10 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
         rate = lambda s: jax.jvp(multiplier, path.at(s)[:2], (jnp.ones_like(h), path.at(s)[2] / h))[1]
         ends = step._replace(rate0=rate(0.0), rate1=rate(1.0))
         found = search_gaps(multiplier, path, ends, tolerance + rounded, mode.active, jnp.array(True))
-        return found._replace(crossing=never, reached=jnp.where(jnp.isfinite(found.crossing), 0.5, found.reached))
+        return nothing._replace(reached=jnp.where(jnp.isfinite(found.crossing), 0.5, found.reached))
 
-    never = jnp.full_like(t0, jnp.inf)
-    return lax.cond(wanted & jnp.any(mode.active), look, lambda: Searched(never, jnp.ones_like(t0)))
+    nothing = Searched.nothing(t0)
+    return lax.cond(wanted & jnp.any(mode.active), look, lambda: nothing)
 
 
 def _multipliers_of_a_load(scene: AbstractScene, t, q, active: Bool[Array, "contact"]) -> Float[Array, "contact dof"]:
@@ -108,13 +108,12 @@ def search_way(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMo
         return jnp.concatenate([beside, -beside])
 
     def look():
-        way = jnp.abs(path.coefficients[1]) + jnp.abs(sum(path.coefficients[1:]))
-        slack = depth + SLACK * jnp.abs(contact_jacobian(scene, path.t0, path.coefficients[0])) @ way
+        slack = depth + SLACK * jnp.abs(contact_jacobian(scene, path.t0, path.coefficients[0])) @ path.ways()
         nothing = jnp.zeros(held.shape, path.t0.dtype)  # at its ends the motion is on its contacts
         ends = step._replace(guard0=nothing, rate0=nothing, guard1=nothing, rate1=nothing)
         found = search_gaps(off, path, ends, jnp.concatenate([slack, slack]), held, jnp.array(True))
         # A search that is given up proves nothing: bounds of a corner that is rounded off are wide.
         return stays._replace(reached=jnp.where(jnp.isfinite(found.crossing), 0.5, stays.reached))
 
-    stays = Searched(jnp.full_like(path.t0, jnp.inf), jnp.ones_like(path.t0))
+    stays = Searched.nothing(path.t0)
     return lax.cond(wanted & jnp.any(mode.active), look, lambda: stays)

@@ -126,7 +126,7 @@ class MechanicalSystem(AbstractFlatSystem):
         q1, v1, _ = self.split(step.x1)
         path = Path.through(step.t0, step.t1, q0, v0, q1, v1)
         # The largest speed so far may be that of an impact long ago: dips would be lost in the doubt of a slow motion.
-        speed = jnp.minimum(mode.speed, path.longest_way() / path.h)
+        speed = jnp.minimum(mode.speed, jnp.max(path.ways()) / path.h)
         speed = jnp.maximum(speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
         doubt = path.doubt(self.split(step.error)[0], step.order) * path.h * speed
         found = []

@@ -132,8 +132,7 @@ def search_guards(guards: Gap, flow: Gap, step: StepEnds, speed, tolerance, want
         everyone = jnp.ones(speed.shape, bool)
         return search_gaps(guards, path, step, tolerance + doubt, everyone, wanted)
 
-    never = jnp.full_like(step.t0, jnp.inf)
-    return lax.cond(wanted, search, lambda: Searched(never, jnp.ones_like(step.t0)))
+    return lax.cond(wanted, search, lambda: Searched.nothing(step.t0))
 
 
 def _looker(function: Gap, path: Path, step: StepEnds, trace, unknown: np.ndarray) -> Callable[[Walk], Stretch]:

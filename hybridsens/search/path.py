@@ -48,9 +48,9 @@ class Path(NamedTuple):
         positions = [q, q1, q2, q2 + slopes[2] * width / 3]
         return Jet(t, point(self.h), None), Jet(_span(positions), _span(slopes), _span(bends))
 
-    def longest_way(self) -> Float[Array, ""]:
-        """How far the coordinate goes that goes farthest, by its rate at the start and by where it ends."""
-        return jnp.max(jnp.abs(self.coefficients[1]) + jnp.abs(sum(self.coefficients[1:])))
+    def ways(self) -> Float[Array, "dof"]:
+        """How far each coordinate goes, by its rate at the start and by where it ends."""
+        return jnp.abs(self.coefficients[1]) + jnp.abs(sum(self.coefficients[1:]))
 
     def doubt(self, error: Float[Array, "dof"], order) -> Float[Array, ""]:
         """How far the cubic may be from the motion, as a fraction of what it travels; rounding in ballistic flight.
@@ -58,7 +58,7 @@ class Path(NamedTuple):
         Over a step in which a motion turns by an angle a, the solver's estimate of its error, relative to the way
         travelled, falls as a^(order - 1) and the error of the cubic as a^3: so one tells of the other.
         """
-        travelled = self.longest_way()
+        travelled = jnp.max(self.ways())
         ratio = jnp.max(jnp.abs(error)) / jnp.where(travelled > 0, travelled, 1)
         return DOUBT * ratio ** min(3 / max(float(order) - 1, 1), 1.0) + rounding(error.dtype)
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hybridsens.comparison.baselines.fixed_steps import naive_motion
+from hybridsens.comparison.baselines import where_reset
 from hybridsens.comparison.differentiate import finite_differences
 from hybridsens.scenes import BouncingBall
 
@@ -13,7 +13,7 @@ T1 = 1.0
 
 def _final_height(floor, steps: int):
     ball = BouncingBall(floor=floor)
-    return naive_motion(ball, ball.initial_state(), t1=T1, steps=steps).final.q[0]
+    return where_reset(ball, ball.initial_state(), t1=T1, steps=steps).final.q[0]
 
 
 def _exact_height(floor, height=1.0, g=9.81, e=0.8):
@@ -35,7 +35,7 @@ def test_the_naive_value_converges_and_its_gradient_does_not():
 def test_naive_running_cost_is_the_integral():
     """The running cost of a ball in free flight, q, integrates to the closed form at first order in the step."""
     ball = BouncingBall()
-    motion = naive_motion(ball, ball.initial_state(), t1=0.4, steps=4000, running_cost=lambda s, t, q, v: {"q": q[0]})
+    motion = where_reset(ball, ball.initial_state(), t1=0.4, steps=4000, running_cost=lambda s, t, q, v: {"q": q[0]})
     np.testing.assert_allclose(motion.cost["q"], 0.4 - 9.81 * 0.4**3 / 6, rtol=1e-3)
 
 

@@ -16,6 +16,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
+from ...forward.solver import TERM
 from ...mechanics.decisions import initial_mode
 from ...mechanics.scene import AbstractScene, State
 from ...mechanics.system import MechanicalSystem
@@ -24,6 +25,8 @@ from .motion import BaselineMotion, flat_problem
 
 MAX_STEPS = 4096
 """Room for the steps of one segment."""
+NEWTON = optx.Newton(rtol=1e-10, atol=1e-10)
+"""Finds where a guard is zero."""
 
 
 class Place(NamedTuple):
@@ -60,9 +63,8 @@ def first_event(root_finder: optx.AbstractRootFinder | None) -> diffrax.Event:
 def diffrax_solve(system: MechanicalSystem, start: Place, t1, tolerance, saveat, event=None) -> diffrax.Solution:
     """One `diffeqsolve` in a fixed mode."""
     return diffrax.diffeqsolve(
-        diffrax.ODETerm(lambda t, x, args: args[0].flow(t, x, args[1])), diffrax.Tsit5(), start.t, t1, None,
-        start.x, args=(system, start.mode), saveat=saveat, event=event, max_steps=MAX_STEPS,
-        stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+        TERM, diffrax.Tsit5(), start.t, t1, None, start.x, args=(system, start.mode), saveat=saveat, event=event,
+        max_steps=MAX_STEPS, stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
     )  # fmt: skip
 
 
@@ -128,9 +130,7 @@ def events_at_root(
 
     `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
     """
-    event = first_event(optx.Newton(rtol=1e-10, atol=1e-10))
-    solve = partial(diffrax_solve, event=event)
-    return event_chain(scene, state, asked, solve, tolerance, max_events)
+    return event_chain(scene, state, asked, partial(diffrax_solve, event=first_event(NEWTON)), tolerance, max_events)
 
 
 def events_at_step_end(
@@ -140,9 +140,7 @@ def events_at_step_end(
 
     `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
     """
-    event = first_event(None)
-    solve = partial(diffrax_solve, event=event)
-    return event_chain(scene, state, asked, solve, tolerance, max_events)
+    return event_chain(scene, state, asked, partial(diffrax_solve, event=first_event(None)), tolerance, max_events)
 
 
 def constant_event_time(
@@ -152,10 +150,9 @@ def constant_event_time(
 
     `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
     """
-    event = first_event(optx.Newton(rtol=1e-10, atol=1e-10))
 
     def solve(system, start, t1, *settings):
-        located = diffrax_solve(system, start, t1, *settings, event=event)
+        located = diffrax_solve(system, start, t1, *settings, event=first_event(NEWTON))
         assert located.ts is not None
         return diffrax_solve(system, start, lax.stop_gradient(located.ts[-1]), *settings)
 

@@ -6,7 +6,7 @@ The instant of an event is a multiple of the step here, so automatic differentia
 d t_k = 0 in (T6). What is missing, (R_x f- - f+) dt_k, does not vanish with the step.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,22 +20,18 @@ from ...system import AbstractHybridSystem
 from .motion import BaselineMotion
 
 
-class NaiveMotion(NamedTuple):
-    """End of a motion in fixed steps."""
-
-    final: State
-    """State at t1."""
-    cost: Any
-    """Integral of the running cost by the rectangle rule; None without one."""
-
-
-def naive_motion(scene: AbstractScene, state: State, *, t1, steps: int, t0=0.0, running_cost=None) -> NaiveMotion:
-    """Motion of a scene in `steps` equal steps: semi-implicit Euler, then Newton's law where a gap is negative.
+def where_reset(
+    scene: AbstractScene, state: State, *, t0=0.0, t1, ts=None, running_cost=None, steps: int = 10_000
+) -> BaselineMotion:
+    """Motion of a scene in `steps` equal steps: semi-implicit Euler, then Newton's law where a gap is negative,
+    v+ = where(gap < 0 and closing, reset, v). The running cost is integrated by the rectangle rule.
 
     Contacts are hit one after the other and never stay closed. Differentiable, and wrong, which is its purpose.
 
-    Raises: ValueError if `steps` is below 1.
+    Raises: NotImplementedError if states at `ts` are asked for, ValueError if `steps` is below 1.
     """
+    if ts is not None:
+        raise NotImplementedError("the fixed-step loop keeps no states at `ts`")
     if steps < 1:
         raise ValueError(f"`steps` must be >= 1, but is {steps}.")
     dt = (jnp.asarray(t1, state.q.dtype) - t0) / steps
@@ -55,7 +51,7 @@ def naive_motion(scene: AbstractScene, state: State, *, t1, steps: int, t0=0.0, 
         shapes = jax.eval_shape(lambda: running_cost(scene, jnp.zeros_like(dt), state.q, state.v))
         cost = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     (final, cost), _ = lax.scan(step, (state, cost), jnp.arange(steps, dtype=state.q.dtype))
-    return NaiveMotion(final, cost)
+    return BaselineMotion(final, cost)
 
 
 def _reset_where_closed(scene: AbstractScene, t, q, v):
@@ -67,19 +63,6 @@ def _reset_where_closed(scene: AbstractScene, t, q, v):
         impulse = -(1 + e[i]) * rate[i] / geometry.delassus_matrix[i, i]
         v = jnp.where((gap[i] < 0) & (rate[i] < 0), v + geometry.mobility[:, i] * impulse, v)
     return v
-
-
-def where_reset(
-    scene: AbstractScene, state: State, *, t0=0.0, t1, ts=None, running_cost=None, steps: int = 10_000
-) -> BaselineMotion:
-    """Motion in `steps` equal steps, see `naive_motion`: v+ = where(gap < 0 and closing, reset, v).
-
-    Raises: NotImplementedError if states at `ts` are asked for, ValueError if `steps` is below 1.
-    """
-    if ts is not None:
-        raise NotImplementedError("the fixed-step loop keeps no states at `ts`")
-    motion = naive_motion(scene, state, t0=t0, t1=t1, steps=steps, running_cost=running_cost)
-    return BaselineMotion(motion.final, motion.cost)
 
 
 class SystemMotion(eqx.Module):
