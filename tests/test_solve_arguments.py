@@ -10,18 +10,29 @@ from tests.closeness import assert_close
 from tests.problems.balls import RestlessBall
 from tests.problems.hybrid_systems import Ball, Oscillator
 
+POINTS = jnp.array([[9.81, 0.8], [9.0, 0.7]])
+"""Weight and restitution."""
+
+
+def height(p):
+    """Of a ball after its first impact."""
+    return hs.solve(Ball(p[0], p[1]), jnp.array([1.0, 0.0]), t1=1.0, max_events=4).final[0]
+
+
+def exact_height(p):
+    fall = jnp.sqrt(2 / p[0])
+    return p[1] * p[0] * fall * (1 - fall) - p[0] * (1 - fall) ** 2 / 2
+
+
+@pytest.mark.slow
+def test_second_derivatives():
+    assert_close(jax.hessian(height)(POINTS[0]), jax.hessian(exact_height)(POINTS[0]), 1e-6)
+
 
 def test_transformations():
-    """jit, vmap, the Hessian, and states between events."""
-    height = lambda p: hs.solve(Ball(p[0], p[1]), jnp.array([1.0, 0.0]), t1=1.0, max_events=4).final[0]
-
-    def exact(p):
-        fall = jnp.sqrt(2 / p[0])
-        return p[1] * p[0] * fall * (1 - fall) - p[0] * (1 - fall) ** 2 / 2
-
-    points = jnp.array([[9.81, 0.8], [9.0, 0.7]])
-    assert_close(jax.jit(jax.vmap(jax.grad(height)))(points), jax.vmap(jax.grad(exact))(points), 1e-7)
-    assert_close(jax.hessian(height)(points[0]), jax.hessian(exact)(points[0]), 1e-6)
+    """jit, vmap, and states between events."""
+    points = POINTS
+    assert_close(jax.jit(jax.vmap(jax.grad(height)))(points), jax.vmap(jax.grad(exact_height))(points), 1e-7)
     made = hs.solve(Ball(*points[0]), jnp.array([1.0, 0.0]), t1=1.0)
     assert_close(made.evaluate(0.2)[0], 1 - 9.81 * 0.02, 1e-9)
     assert_close(made.evaluate(jnp.array([0.1, 0.2]))[:, 1], -9.81 * jnp.array([0.1, 0.2]), 1e-9)

@@ -58,6 +58,7 @@ def test_forward_and_reverse_agree_on_a_random_scene_and_differences_where_they_
         assert abs(at_random.slopes(given, direction)[0] - difference) <= 1e-4 * (1 + abs(difference))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trivial", [at_random.at_rest, at_random.in_flight], ids=["at-rest", "in-flight"])
 @pytest.mark.parametrize("seed", range(1, 50, 6))
 def test_gradients_of_trivial_motions_are_those_of_differences(seed, trivial):

@@ -64,6 +64,7 @@ def test_a_linear_map_and_its_transpose(jacobian):
     assert_close(jax.linear_transpose(along, P)(w)[0], jacobian.T @ w, 1e-12)
 
 
+@pytest.mark.slow
 def test_batches_in_any_order(jacobian):
     """Of motions and of what they share."""
     batch = jnp.stack([P, P * jnp.array([1.01, 1.0, 1.0, 1.0, 1.0])])
