@@ -31,13 +31,12 @@ def test_second_derivatives():
 
 def test_transformations():
     """jit, vmap, and states between events."""
-    points = POINTS
-    assert_close(jax.jit(jax.vmap(jax.grad(height)))(points), jax.vmap(jax.grad(exact_height))(points), 1e-7)
-    made = hs.solve(Ball(*points[0]), jnp.array([1.0, 0.0]), t1=1.0)
+    assert_close(jax.jit(jax.vmap(jax.grad(height)))(POINTS), jax.vmap(jax.grad(exact_height))(POINTS), 1e-7)
+    made = hs.solve(Ball(*POINTS[0]), jnp.array([1.0, 0.0]), t1=1.0)
     assert_close(made.evaluate(0.2)[0], 1 - 9.81 * 0.02, 1e-9)
     assert_close(made.evaluate(jnp.array([0.1, 0.2]))[:, 1], -9.81 * jnp.array([0.1, 0.2]), 1e-9)
 
-    bounce = (1 + points[0, 1]) * 9.81 * jnp.sqrt(2 / 9.81)  # what the impact adds to the velocity
+    bounce = (1 + POINTS[0, 1]) * 9.81 * jnp.sqrt(2 / 9.81)  # what the impact adds to the velocity
     mixed = made.evaluate([[0.5, 0.1], [0.3, 0.2]])
     assert_close(mixed[..., 1], -9.81 * jnp.array([[0.5, 0.1], [0.3, 0.2]]) + jnp.array([[bounce, 0], [0, 0]]), 1e-8)
     for outside in (-0.1, 1.2, [0.2, 1.2], jnp.nan):

@@ -71,6 +71,7 @@ def test_batches_in_any_order(jacobian):
     each = jnp.stack([jax.grad(cost)(p, hs.Replay()) for p in batch])
     of_all = lambda batch: jnp.sum(jax.vmap(cost)(batch))
     assert_close(jax.vmap(jax.grad(cost))(batch), each, 1e-13)
+    assert_close(jax.jit(jax.grad(of_all))(batch), each, 1e-13)
     shared = lambda factor: of_all(batch.at[:, 0].multiply(factor))
     assert_close(jax.grad(shared)(1.0), jnp.sum(each[:, 0] * batch[:, 0]), 1e-13)
     assert_close(jax.jacfwd(jax.vmap(observed))(batch)[0, :, 0], jacobian, APART)

@@ -12,6 +12,7 @@ import hybridsens as hs
 from hybridsens.scenes import ElasticStop
 from tests.problems import trivial_motions as motions
 from tests.problems.trivial_cases import (
+    ADJOINTS,
     CASES,
     FORWARD,
     REPLAY,
@@ -23,8 +24,9 @@ from tests.problems.trivial_cases import (
 )
 
 OTHERS = [
-    "Replay(recompute=True)",
-    *(pytest.param(method, marks=pytest.mark.slow) for method in ("ContinuousCostate", "DiffraxAdjoint")),
+    pytest.param(method, marks=[pytest.mark.slow] * (not method.startswith(REPLAY)))
+    for method in ADJOINTS
+    if method not in (REPLAY, FORWARD)
 ]
 
 
