@@ -70,7 +70,8 @@ def _spoil(nan, leaf):
 @_spoil.defjvp
 def _spoil_jvp(primals, tangents):
     nan, _ = primals
-    return nan, nan * jnp.sum(tangents[1])
+    # A cotangent may be nan in rows that are blank, and must not reach the parameters of a motion that is whole.
+    return nan, jnp.where(jnp.isnan(nan), nan * jnp.sum(tangents[1]), 0)
 
 
 def _message(code) -> str:

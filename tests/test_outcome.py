@@ -3,11 +3,13 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 import hybridsens as hs
 from hybridsens.outcome import raise_unless_successful
+from tests.closeness import assert_close
 from tests.problems.balls import RestlessBall
 from tests.problems.sawtooth import Sawtooth
 
@@ -87,6 +89,17 @@ def test_nan_instead_of_an_exception():
     assert jnp.isnan(values).tolist() == jnp.isnan(gradients).tolist() == [False, True, True]
     assert values[0] == plain[0][0] and gradients[0] == plain[1][0]
     assert plain[1][2] == 0  # what an optimiser would take for a stationary point
+
+
+def test_blank_rows_do_not_make_the_gradient_of_a_whole_motion_nan():
+    """The time of an event that did not happen is inf: chosen away, its cotangent is 0 times inf."""
+
+    def touched(ball):
+        motion = hs.simulate(ball, ball.initial_state(), t1=0.2, throw="nan", max_events=4)
+        speed = jnp.where(motion.events.count > 0, motion.events.time[0] * motion.events.before.v[0, 0], 0.0)
+        return motion.final.q[0] + speed
+
+    assert_close(jax.grad(touched)(hs.scenes.BouncingBall()).weight, np.array(-(0.2**2) / 2), 1e-12)
 
 
 def test_export():

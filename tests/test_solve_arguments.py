@@ -37,6 +37,7 @@ def test_transformations():
     assert_close(made.evaluate(jnp.array([0.1, 0.2]))[:, 1], -9.81 * jnp.array([0.1, 0.2]), 1e-9)
 
     bounce = (1 + POINTS[0, 1]) * 9.81 * jnp.sqrt(2 / 9.81)  # what the impact adds to the velocity
+    assert made.evaluate([]).shape == (0, 2)
     mixed = made.evaluate([[0.5, 0.1], [0.3, 0.2]])
     assert_close(mixed[..., 1], -9.81 * jnp.array([[0.5, 0.1], [0.3, 0.2]]) + jnp.array([[bounce, 0], [0, 0]]), 1e-8)
     for outside in (-0.1, 1.2, [0.2, 1.2], jnp.nan):

@@ -21,7 +21,7 @@ from ..parameters import flatten_parameters
 from ..simulate import simulate
 from ..status import Status
 from .check_motions import Call
-from .differentiate import QUICKLY, best_finite_differences
+from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes
 
 MOST = 24
 """How many pieces of a motion are checked."""
@@ -230,7 +230,9 @@ def _compare_slopes(passage: Passage, forward, tolerance: float) -> str:
     apart = [names[i] for i in np.flatnonzero(~(np.abs(ours - other) <= 1e-4 * limit))]
     if apart:
         return f"adjoint and forward sensitivities disagree in {', '.join(apart)}"
-    wrong = np.abs(ours - found.slopes) > np.maximum(limit, 3 * found.uncertainty)  # False where there are none
+    largest = max(np.max(np.abs(x), initial=0) for x in (u[:size], np.asarray(piece.final)))
+    rounding = rounding_of_slopes(np.sum(np.abs(w)) * largest, scale, u.dtype)  # of what ends at rest, all there is
+    wrong = np.abs(ours - found.slopes) > np.maximum(limit + rounding, 3 * found.uncertainty)  # False without slopes
     apart = [names[i] for i in np.flatnonzero(wrong)]
     return f"differences disagree in {', '.join(apart)}" if apart else ""
 

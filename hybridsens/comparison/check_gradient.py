@@ -16,7 +16,7 @@ from ..settings import Settings, chosen_settings
 from ..waiting import waiting
 from .check_causes import ParameterCheck, find_causes
 from .check_events import check_events
-from .check_motions import on_sequence, value_with_calls
+from .check_motions import largest_state, on_sequence, value_with_calls
 from .check_report import GradientCheck
 from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby
 from .functional import Cost, all_reached_end, choose_cost, raise_unless_reached_end
@@ -80,7 +80,9 @@ def _check(
     nearby = on_sequence(value, calls)
     found = best_finite_differences(nearby, parameters.vector, scale)
     size = _size(reverse, forward, scale, slopes_nearby(nearby, parameters.vector, scale))
-    rounding = rounding_of_slopes(float(J), scale, parameters.vector.dtype).tolist()
+    # Where nothing moves J, it may be near 0 (a body at rest) and have the rounding of the motion that led there.
+    largest = np.where((reverse == 0) & (forward == 0), max(abs(float(J)), largest_state(calls)), abs(float(J)))
+    rounding = rounding_of_slopes(largest, scale, parameters.vector.dtype).tolist()
     counts = [int(call.events.count) for call in calls]
     tell("compiling the reference")
     reference = reference_gradient(parameters, cost, chosen, counts)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -67,6 +68,12 @@ def value_with_calls(parameters: FlatParameters, cost: Cost, settings) -> Callab
         return cost(parameters.rebuild(vector), recording), tuple(calls)
 
     return eqx.filter_jit(value)
+
+
+def largest_state(calls: tuple[Call, ...]) -> float:
+    """The largest entry of the states that motions begin at and come to their events with."""
+    states = [leaf for call in calls for leaf in jax.tree.leaves((call.state, call.events.before))]
+    return max((float(np.max(np.abs(leaf), initial=0)) for leaf in states), default=0.0)
 
 
 def on_sequence(value: Callable, nominal: tuple[Call, ...]) -> Callable:

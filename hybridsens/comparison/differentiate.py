@@ -133,7 +133,7 @@ def slopes_nearby(function: Callable, vector, scale: Float[np.ndarray, "paramete
     return np.nan_to_num(np.array(changes)) / (WIDTHS[0] * scale)
 
 
-def rounding_of_slopes(value: float, scale: Float[np.ndarray, "parameter"], dtype) -> Float[np.ndarray, "parameter"]:
+def rounding_of_slopes(value, scale: Float[np.ndarray, "parameter"], dtype) -> Float[np.ndarray, "parameter"]:
     """What the rounding of f, half a unit at each of its points, may add to a difference of the smallest width."""
     weights = sum(abs(weight) for weight in _FORWARD.values())
-    return 0.5 * weights * float(np.finfo(dtype).eps) * abs(value) / (WIDTHS[-1] * scale)
+    return 0.5 * weights * float(np.finfo(dtype).eps) * np.abs(value) / (WIDTHS[-1] * scale)

@@ -17,8 +17,10 @@ _TAGS: frozenset[object] = frozenset()
 _OPTIONS = {"jac": "bwd"}  # the Jacobian comes as an array; "fwd" would keep a program, compiled anew for each fit
 FAR, NEAR = 1e-3, 1e-5
 """First damping of Levenberg-Marquardt: at a guess or in a stage, and at a point that stages have led to."""
-_SMALL_OFFSET = 1e-3
-_SMALL_STEP = 1e-9
+_SMALL_OFFSET, _SMALL_STEP = 1e-3, 1e-9
+"""Of a minimum; see `at_minimum`."""
+_NEAR_OFFSET, _NEAR_STEP = 0.1, 1e-4
+"""Of a place where steps that have become small may tell of one."""
 _PATIENCE = 12
 
 
@@ -128,7 +130,9 @@ def step(solver: optimistix.AbstractGaussNewton, problem, carry: Carry):
         state = _damped(state, jnp.where(jnp.isposinf(trial.end), carry.damping, FAR), fn.jacobian)
     z, new, _ = solver.step(fn, carry.z, None, _OPTIONS, state, _TAGS)
     done, _ = solver.terminate(fn, z, None, _OPTIONS, new, _TAGS)
-    done = (done & ~state.first_step) | at_minimum(fn.r, fn.jacobian, at, r.size)
+    # Steps become small at a minimum, but also where the loss jumps: there it still falls towards the jump.
+    small_steps = done & ~state.first_step & near_minimum(fn.r, fn.jacobian, at, r.size)
+    done = small_steps | at_minimum(fn.r, fn.jacobian, at, r.size)
     accepted = new.num_accepted_steps > state.num_accepted_steps
     residual, slope = new.f_info.residual, new.f_info.jac.as_matrix()
     outcome = Outcome(
@@ -180,10 +184,23 @@ def at_minimum(
 ) -> Bool[Array, ""]:
     """Whether `compressed` r and J of n residuals are those of a minimum.
 
-    Bates and Watts' relative offset: |r in the tangent plane| / |r across it|, per degree of freedom. At 1e-3 the
-    distance to the minimum is about a thousandth of the statistical uncertainty. Residuals that vanish altogether
-    make it useless; then the Gauss-Newton step counts, once it is rounding of z.
+    By Bates and Watts' relative offset. At 1e-3 the distance to the minimum is about a thousandth of the statistical
+    uncertainty. Residuals that vanish altogether make it useless; then the Gauss-Newton step counts, once it is
+    rounding of z.
     """
+    offset, step = _offset_and_step(r, jacobian, z, n)
+    return (offset < _SMALL_OFFSET) | (step < _SMALL_STEP)
+
+
+def near_minimum(r, jacobian, z, n: int) -> Bool[Array, ""]:
+    """The same, roughly: within a tenth of the statistical uncertainty."""
+    offset, step = _offset_and_step(r, jacobian, z, n)
+    return (offset < _NEAR_OFFSET) | (step < _NEAR_STEP)
+
+
+def _offset_and_step(r, jacobian, z, n: int) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Bates and Watts' relative offset, |r in the tangent plane| / |r across it| per degree of freedom; and the
+    largest entry of the Gauss-Newton step relative to the largest of z, or to 1."""
     p = jacobian.shape[1]
     u, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
     seen = s > 1e-10 * s[0]
@@ -191,7 +208,7 @@ def at_minimum(
     across = jnp.maximum(jnp.sum(r**2) - jnp.sum(inside**2), 0)
     offset = jnp.sqrt(jnp.sum(inside**2) / p / (across / max(n - p, 1) + jnp.finfo(r.dtype).tiny))
     step = vt.T @ (inside / jnp.where(seen, s, 1))
-    return (offset < _SMALL_OFFSET) | (jnp.max(jnp.abs(step)) < _SMALL_STEP * (1 + jnp.max(jnp.abs(z))))
+    return offset, jnp.max(jnp.abs(step)) / (1 + jnp.max(jnp.abs(z)))
 
 
 class _Linear(eqx.Module):

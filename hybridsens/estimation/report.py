@@ -56,9 +56,13 @@ def _advice(result: Any) -> str:
     """What to do about a fit that did not converge."""
     if result.on_bound:
         return f"It did not converge. Wider bounds of {', '.join(result.on_bound)} or other guesses may let it."
+    no_way = "" if result.stopped == "max_iterations" else (
+        " Where an event passes the time of a measurement the loss jumps, and no step leads across: begin on the other "
+        "side."
+    )  # fmt: skip
     return (
         "It did not converge. Where the guess is far off, `strategy=GrowingHorizon()` fits the beginning of the record "
-        "first, and `starts=` begins at several points."
+        "first, and `starts=` begins at several points." + no_way
     )
 
 

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-_LARGE = 40_000
-"""Bytes from which on an array stands alone: to copy it would cost more than a kernel."""
+_LARGE = 250
+"""Entries from which on an array stands alone: XLA looks for the origin of each entry of a vector that is put together,
+which takes longer than a kernel."""
 
 
 class _Layout(NamedTuple):
@@ -59,7 +60,7 @@ def _joined(leaves, kind):
 
 
 def _kind(shape, dtype) -> str:
-    if int(np.prod(shape)) * dtype.itemsize <= _LARGE:
+    if int(np.prod(shape)) <= _LARGE:
         if dtype in (jnp.float32, jnp.float64):
             return "real"
         if dtype in (jnp.int32, jnp.int64, jnp.bool_):

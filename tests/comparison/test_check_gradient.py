@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 
 import hybridsens as hs
 from hybridsens.comparison.check_events import cascades, split_at_events
@@ -107,6 +108,31 @@ FLAT = {
 def test_a_right_gradient_that_is_0_passes(cost):
     """What is left of it is the error of the motion and the rounding of J, which differ from method to method."""
     check = check_gradient(Decay(), cost, max_events=8, max_steps=1024)
+    assert check.ok, str(check)
+
+
+class Brick(hs.AbstractScene):
+    """It falls from 1 m on the floor and stays there."""
+
+    weight: Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -self.weight[None]
+
+    def gap(self, t, q):
+        return q
+
+    def restitution(self):
+        return jnp.zeros(1)
+
+
+def test_what_ends_at_rest_is_not_in_doubt():
+    """The state after the capture is 0 but for the rounding of the fall, and so are its slopes by the fall's start."""
+    drop = hs.State([1.0], [0.0])
+    check = check_gradient(Brick(jnp.array(9.81)), lambda brick, sim: sim(brick, drop, t1=1.0).final.q[0], max_events=8)
     assert check.ok, str(check)
 
 

@@ -2,14 +2,18 @@
 
 import functools
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from hybridsens.estimation import fit, measurements
 from hybridsens.estimation.uncertainty import Noise, uncertainty
 from hybridsens.scenes import BouncingBall
+from hybridsens.solve import solve
+from tests.problems.hybrid_systems import Decay
 
-pytestmark = pytest.mark.slow  # every one of these needs the same large program
+one_large_program = pytest.mark.slow
+"""Most of these need the same large program."""
 
 TIMES = np.linspace(0.05, 0.4, 20)
 FALL = 1.0 - 9.81 * TIMES**2 / 2
@@ -31,7 +35,7 @@ def _fitted(noise, sigma=None):
                priors={"mass": (1.0, 0.1)} if sigma else None)  # fmt: skip
 
 
-@pytest.mark.slow
+@one_large_program
 def test_exact_data_give_no_certainty():
     """Assert that without sigmas a ball's exact fall yields its height, no interval, and a sentence that says why."""
     exact = _fitted(0.0)
@@ -40,6 +44,7 @@ def test_exact_data_give_no_certainty():
     assert "residuals are zero to rounding" in str(exact) and "give `sigma`" in str(exact)
 
 
+@one_large_program
 def test_exact_data_with_sigmas_are_known_as_well_as_these_say():
     """Assert that the error of a height is then sigma / sqrt(n)."""
     known = _fitted(0.0, 1e-3)
@@ -47,6 +52,7 @@ def test_exact_data_with_sigmas_are_known_as_well_as_these_say():
     np.testing.assert_allclose(known.standard_errors["height"], 1e-3 / np.sqrt(TIMES.size), rtol=1e-6)
 
 
+@one_large_program
 def test_small_noise_is_noise():
     """Assert that noise of a millionth of the data's range gives an interval: that of a mean, with three parameters."""
     result = _fitted(1e-6)
@@ -55,6 +61,7 @@ def test_small_noise_is_noise():
     np.testing.assert_allclose(result.standard_errors["height"], expected, rtol=1e-2)
 
 
+@one_large_program
 @pytest.mark.parametrize("noise", [0.0, 1e-6])
 def test_parameters_without_influence_are_named(noise):
     """Assert that a mass that cancels and a restitution that never acts are told by name, without finite interval."""
@@ -66,6 +73,7 @@ def test_parameters_without_influence_are_named(noise):
         assert f"not determined by the data: {name}, since nothing that was measured depends on it" in str(result)
 
 
+@one_large_program
 def test_a_prior_tells_of_a_parameter_without_influence():
     """Assert that a mass that nothing shows has its prior's error, and is named all the same."""
     result = _fitted(0.0, 1e-3)
@@ -79,3 +87,24 @@ def test_a_derivative_of_rounding_alone_is_none():
         known = uncertainty(("mass",), [1.0], 1e-3 * NOISE, 1e-17 * np.ones((NOISE.size, 1)), np.zeros(1),
                             Noise(sigmas_given, largest=1.0, rounding=1e-7))  # fmt: skip
         assert known.unseen == ("mass",) and np.isinf(known.standard_errors).all()
+
+
+class Refilled(Decay):
+    """x decays, and gains 1/2 where it falls through 0.3."""
+
+    def guards(self, t, x, mode):
+        return (x - 0.3)[None]
+
+    def transition(self, event, t, x, mode):
+        return x + 0.5, mode
+
+
+def test_a_jump_of_the_loss_is_no_minimum():
+    """Just below k = 1.317 an event passes the time of a measurement: the loss falls towards it and jumps there."""
+    times = np.linspace(0.1, 2.0, 8)
+    values = np.asarray(solve(Refilled(1.0), 1.0, t1=2.0, ts=jnp.array(times)).x)
+    data = measurements(times, values, sigma=0.01, names=["x"])
+    result = fit(Refilled(1.2), data, parameters="k", state=1.0, max_events=8, observe=lambda system, t, x: {"x": x})
+    assert not result.converged
+    assert 1.31 < result.values[0] < 1.317
+    assert "begin on the other side" in str(result)

@@ -50,6 +50,12 @@ def test_packing_loses_nothing():
     assert len(jax.tree.leaves(packed)) == 2 + 5  # a vector of each kind; unsigned, complex, half, key, large
 
 
+@pytest.mark.parametrize("dtype", [bool, float])
+def test_what_has_many_entries_stands_alone(dtype):
+    """Truth values were counted as the bytes that they are, and packed as eight times as many."""
+    assert [leaf.shape for leaf in pack([jnp.zeros((17, 100), dtype), jnp.zeros(2, dtype)]).alone] == [(17, 100)]
+
+
 @pytest.mark.parametrize("size", [1, 50])
 def test_a_function_in_one_kernel_returns_the_same(size):
     """Whether its results take more room than its arguments or less."""
