@@ -26,6 +26,9 @@ SLACK = 1e-2
 """By what part of its own length, seen along the gap's gradient, the cubic of a resolved step may leave a contact that
 is held along a curve."""
 
+LEAST_WAY = 1 / 16
+"""What part of a step a search for a load's dip must get through, to count as one that found something in its way."""
+
 
 def load_varies(scene: AbstractScene, t, q, v) -> bool:
     """Whether a force bends along the way of a held body, as far as its trace tells: by time, and by place where a body
@@ -80,7 +83,9 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
         rate = lambda s: jax.jvp(multiplier, path.at(s)[:2], (jnp.ones_like(h), path.at(s)[2] / h))[1]
         ends = step._replace(rate0=rate(0.0), rate1=rate(1.0))
         found = search_gaps(multiplier, path, ends, tolerance + rounded, mode.active, jnp.array(True))
-        return nothing._replace(reached=jnp.where(jnp.isfinite(found.crossing), 0.5, found.reached))
+        # A search that is given up at once proves nothing: bounds of a corner that is rounded off are wide on any step.
+        reached = jnp.where(found.reached < LEAST_WAY, nothing.reached, found.reached)
+        return nothing._replace(reached=jnp.where(jnp.isfinite(found.crossing), 0.5, reached))
 
     nothing = Searched.nothing(t0)
     return lax.cond(wanted & jnp.any(mode.active), look, lambda: nothing)
