@@ -1,5 +1,5 @@
 """A hybrid system's motion with its exact derivatives: the segment loop, the backward pass as its custom VJP, and the
-variation of both where they are differentiated forward."""
+tangents of both where they are differentiated forward."""
 
 from collections.abc import Callable
 from functools import partial
@@ -25,7 +25,7 @@ from .xla.tracing import TracedOnce
 
 
 class Record(NamedTuple):
-    """What a derivative needs of a motion. Both are zeros, of a motion not begun, where they were not kept."""
+    """What a derivative needs of a motion. Zeros stand in the place of what was not kept, as of a motion not begun."""
 
     short: Motion
     """Of an element of a batch: the first rows."""
@@ -39,7 +39,8 @@ def differentiable_motion(problem: Problem, options: Options, adjoint: AbstractG
     In reverse mode, and forward over reverse; in forward mode; or in both: as the gradient method serves them.
     """
     problem = problem._replace(system=TracedOnce(problem.system))
-    # JAX traces the rule below under the mesh that it finds, named; were it not named here, all would be traced twice.
+    # JAX names the mesh that it finds where it traces a derivative rule. What it traced without a name would be traced
+    # again there.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
         if not adjoint.reverse_mode:
             return _move(problem, options)[0]
@@ -59,9 +60,9 @@ def _solve_fwd(perturbed, problem, options, adjoint):
 
 
 @_solve_in_reverse.def_bwd
-def _solve_bwd(motion, cotangent, perturbed, problem, options, adjoint):
-    way = BackwardOptions(adjoint, perturbed.t0, perturbed.t1)
-    return _backward(problem, options, motion, cotangent.observed, way)
+def _solve_bwd(record, cotangent, perturbed, problem, options, adjoint):
+    backward_options = BackwardOptions(adjoint, perturbed.t0, perturbed.t1)
+    return _backward(problem, options, backward_options, record, cotangent.observed)
 
 
 @eqx.filter_custom_jvp
@@ -72,33 +73,36 @@ def _solve_in_any_mode(problem: Problem, options: Options, adjoint: AbstractGrad
 
 @_solve_in_any_mode.def_jvp
 def _solve_in_any_mode_jvp(primals, tangents):
-    """The variation of a motion, as a linear map whose transpose is the way back."""
+    """The tangent of a motion, as a linear map whose transpose is the way back."""
     problem, options, adjoint = primals
     (d_problem, *_) = tangents
-    leaves, direction = jax.tree.flatten(d_problem)
+    backward_options = BackwardOptions(adjoint, d_problem.t0 is not None, d_problem.t1 is not None)
+    reported, record = _move(problem, options)
+
+    # The map takes and returns lists of arrays: constants, the tangents of what is perturbed, those of `observed`.
+    dynamic, static = eqx.partition((problem, options, backward_options, record), eqx.is_array)
+    constants, constants_tree = jax.tree.flatten(dynamic)
+    known = lambda constants: eqx.combine(constants_tree.unflatten(constants), static)
+    d_leaves, d_tree = jax.tree.flatten(d_problem)
+    observed_tree = jax.tree.structure(reported.observed)
     is_none = lambda x: x is None
     perturbed = [d is not None for d in jax.tree.leaves(d_problem, is_leaf=is_none)]
-    way = BackwardOptions(adjoint, d_problem.t0 is not None, d_problem.t1 is not None)
-    reported, record = _move(problem, options)
-    dynamic, static = eqx.partition((problem, options, way, record), eqx.is_array)
-    constants, tree = jax.tree.flatten(dynamic)
-    known = lambda constants: eqx.combine(tree.unflatten(constants), static)
-    observables = jax.tree.structure(reported.observed)
 
-    # A variation that was varied itself may not be transposed: that is refused in plain words.
-    def forward(constants, leaves):
+    # A tangent that was differentiated itself may not be transposed: that is refused in plain words.
+    def forward(constants, d_leaves):
         problem, options, _, record = known(constants)
-        varied = _from_record(vary_forward, (problem, options), record, direction.unflatten(leaves), directions=True)
-        return observables.flatten_up_to(forward_only(varied, FORWARD_OVER_REVERSE))
+        d_observed = _from_record(vary_forward, (problem, options), record, d_tree.unflatten(d_leaves), directions=True)
+        return observed_tree.flatten_up_to(forward_only(d_observed, FORWARD_OVER_REVERSE))
 
     def backward(constants, cotangents):
-        problem, options, way, record = known(constants)
-        back = _backward(problem, options, record, observables.unflatten(cotangents), way)
-        back = jax.tree.leaves(back, is_leaf=is_none)
-        return [cotangent for cotangent, wanted in zip(back, perturbed, strict=True) if wanted]
+        problem, options, backward_options, record = known(constants)
+        cotangent = observed_tree.unflatten(cotangents)
+        problem_cotangent = _backward(problem, options, backward_options, record, cotangent)
+        leaves = jax.tree.leaves(problem_cotangent, is_leaf=is_none)
+        return [cotangent for cotangent, wanted in zip(leaves, perturbed, strict=True) if wanted]
 
-    varied = LinearMap(forward, backward)(constants, leaves, tangent_types(reported.observed))
-    return reported, jax.tree.map(lambda _: None, reported)._replace(observed=observables.unflatten(varied))
+    d_observed = LinearMap(forward, backward)(constants, d_leaves, tangent_types(reported.observed))
+    return reported, jax.tree.map(lambda _: None, reported)._replace(observed=observed_tree.unflatten(d_observed))
 
 
 @eqx.filter_jit  # JAX traces a function with a derivative rule, and then its rule: the second time it is looked up
@@ -128,20 +132,25 @@ def _move(problem: Problem, options: Options) -> tuple[Reported, Record]:
     return done.result, Record(done.kept, done.residuals)
 
 
-def _backward(problem: Problem, options: Options, record: Record, cotangent: Observables, way: BackwardOptions):
-    """Cotangents of the problem (None where nothing depends on an entry). They may be varied, but not transposed."""
-    return forward_only(_from_record(go_back, (problem, options, way), record, cotangent), FORWARD_OVER_REVERSE)
+def _backward(
+    problem: Problem, options: Options, backward_options: BackwardOptions, record: Record, cotangent: Observables
+) -> Problem:
+    """Cotangents of the problem (None where nothing depends on an entry). They may be differentiated forward, but not
+    transposed."""
+    asked = problem, options, backward_options
+    return forward_only(_from_record(go_back, asked, record, cotangent), FORWARD_OVER_REVERSE)
 
 
 def _from_record(function: Callable, asked: tuple, record: Record, given: Any, directions: bool = False) -> Any:
-    """function(*asked, motion, given), also in batches: of the motion that a record stands for, or, where it was not
-    kept, that runs again. Directions run together, and share their steps."""
+    """function(*asked, motion, given), also in batches, where `given` are cotangents or tangents: of the motion that a
+    record stands for, or, where it was not kept, that runs again. With `directions` an axis that `given` alone has runs
+    together: the directions of a Jacobian share their steps."""
     dynamic, static = eqx.partition(asked, eqx.is_array)
 
     def of(motion, dynamic, given):
         return Done(function(*eqx.combine(dynamic, static), motion, given))
 
-    def again(dynamic):  # a motion varies as the function follows it: to vary it here would be for nothing
+    def again(dynamic):  # the function gives the motion its tangents: to differentiate it here would be for nothing
         return go_forward(*eqx.combine(lax.stop_gradient(dynamic), static)[:2])[0]
 
     def element(dynamic, short, full, given):
@@ -157,7 +166,7 @@ def _from_record(function: Callable, asked: tuple, record: Record, given: Any, d
     def from_kept(dynamic, short, full, given, full_batched):
         full = full.unpack()[0]
         motion = lax.cond(is_whole(short, full), lambda: lengthened(short, full), lambda: again(dynamic))
-        if full_batched:  # zeros, to which a `lax.cond` on the way gave an axis; or those of that axis
+        if full_batched:  # a `lax.cond` around the motion gives an axis to the zeros too, or its elements were kept
             motion = lax.cond(full.begun, lambda: full, lambda: motion)
         return of(motion, dynamic, given)
 

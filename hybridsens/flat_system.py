@@ -5,6 +5,7 @@ x+ = R(t, x-), and the mode changes. Everything in `forward/` and `adjoint/` is 
 """
 
 import abc
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -104,16 +105,13 @@ class AbstractFlatSystem(eqx.Module):
         it goes on: by default the given one."""
         stays = event < 0
         decision = self.decide(jnp.maximum(event, 0), t, x, mode)
-        return Decision(
-            jax.tree.map(lambda old, new: jnp.where(stays, old, new), mode, decision.mode),
-            decision.kind,
-            decision.detail,
-            jnp.where(stays, False, decision.grazing),
-            Status.where(stays, Status.running, decision.status),
-            jnp.where(stays, jnp.inf, decision.first_step_bound),
-            decision.at_once,
-            decision.silent,
-            jnp.where(stays, False, decision.order_matters),
+        return dataclasses.replace(
+            decision,
+            mode=jax.tree.map(lambda old, new: jnp.where(stays, old, new), mode, decision.mode),
+            grazing=jnp.where(stays, False, decision.grazing),
+            status=Status.where(stays, Status.running, decision.status),
+            first_step_bound=jnp.where(stays, jnp.inf, decision.first_step_bound),
+            order_matters=jnp.where(stays, False, decision.order_matters),
         )
 
     @abc.abstractmethod
@@ -122,15 +120,25 @@ class AbstractFlatSystem(eqx.Module):
     ) -> tuple[Float[Array, "state"], PyTree[Array]]:
         """The smooth part: the state just after, R(t, x-), and what the event emits (an impulse, say)."""
 
-    def fires_at_once(self, event: Int[Array, ""], mode: Mode) -> Bool[Array, ""] | bool:
-        """Whether the event before has put guard `event` below zero. Then it may be the same one again."""
-        del event, mode
-        return False
-
     def project(self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Float[Array, "state"]:
         """Put a state that drifted by rounding and truncation back on its mode's constraints; by default nothing."""
         del t, mode
         return x
+
+    def projects(self, mode: Mode) -> bool:
+        """Whether `project` may move a state. By default it does not."""
+        del mode
+        return False
+
+    def project_with_error(
+        self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode
+    ) -> tuple[Float[Array, "state"], Float[Array, "state"]]:
+        """`project`, and how far it moved the state: that is an error of the step that led there.
+
+        Where the constraints are smooth that is no larger than the solver's own estimate; across a corner of them it
+        stays finite however short the step is."""
+        projected = self.project(t, x, mode)
+        return projected, projected - x
 
     def jump_times(self) -> Float[Array, "jump"] | None:
         """Times at which the flow has a kink or a jump: steps end there, and begin anew. None, the default, for none.
@@ -157,20 +165,10 @@ class AbstractFlatSystem(eqx.Module):
         del event, mode
         return False
 
-    def projects(self, mode: Mode) -> bool:
-        """Whether `project` may move a state. By default it does not."""
-        del mode
+    def fires_at_once(self, event: Int[Array, ""], mode: Mode) -> Bool[Array, ""] | bool:
+        """Whether the event before has put guard `event` below zero. Then it may be the same one again."""
+        del event, mode
         return False
-
-    def project_with_error(
-        self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode
-    ) -> tuple[Float[Array, "state"], Float[Array, "state"]]:
-        """`project`, and how far it moved the state: that is an error of the step that led there.
-
-        Where the constraints are smooth it is no larger than the solver's own estimate; across a corner of them it
-        stays finite however short the step is."""
-        projected = self.project(t, x, mode)
-        return projected, projected - x
 
     def stuck(self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Status:
         """Why no step can be taken from (t, x), however short; asked once, where a motion ends like that."""

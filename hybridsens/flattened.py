@@ -48,9 +48,9 @@ class Shown(NamedTuple):
 
     guards: Seen
     times: Float[Array, "time"]
-    """Scheduled times,"""
+    """Scheduled times."""
     times_rates: Float[Array, "time"]
-    """which must stand still."""
+    """Their rates along the flow, which must be 0."""
 
 
 class FlattenedSystem(AbstractFlatSystem):
@@ -173,7 +173,7 @@ class FlattenedSystem(AbstractFlatSystem):
         origin = Origin(event, mode.given)
         if self.guard_count == 0 and self.scheduled_count is None:
             return _decision(mode, origin, self._show(t, x, mode), jnp.array(False))
-        rises = self.is_silent(event, mode)
+        rises = self.is_silent(event, mode)  # then the state and the user's mode stay
         after, given = self._transition(event, t, x, mode.given)
         given = jax.tree.map(lambda new, old: jnp.where(rises, old, new), given, mode.given)
         after = jnp.where(rises, x, after)
@@ -225,14 +225,14 @@ def _decision(
     watched: WatchedMode,
     origin: Origin,
     shown: Shown,
-    moved: Array,
+    moves_by_itself: Array,
     at_once: Array | bool = False,
     silent: Array | bool = False,
 ) -> Decision:
-    """A transition, after which steps may be as long as before. A scheduled time must not have `moved` before it, and
-    must stand still after it."""
+    """A transition, after which steps may be as long as before. No scheduled time may move by itself, before the event
+    or after it."""
     never = jnp.full((), jnp.inf, watched.watch.size.dtype)
-    moves = moved | jnp.any(watched.expected & (shown.times_rates != 0))
+    moves = moves_by_itself | jnp.any(watched.expected & (shown.times_rates != 0))
     status = Status.where(moves, Status.scheduled_time_moves, Status.running)
     status = Status.where(overflowed(watched.given), Status.queue_full, status)
     at_once, silent = jnp.asarray(at_once), jnp.asarray(silent)

@@ -56,81 +56,9 @@ class BackwardOptions(NamedTuple):
 
 @eqx.filter_jit  # in a batch it is traced for an element and for its way back: looked up then
 def go_forward(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
-    """A motion and its samples."""
+    """A motion and its samples, None where none are asked for."""
     motion = _forward_pass(problem, options)
     return motion, _samples(problem, options, motion)
-
-
-def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: Problem) -> Observables:
-    """What of a motion varies with the problem (T6). The variation may take shorter steps; what it varies stays the
-    motion without it, as `jax.linearize` asks."""
-
-    def observed(problem):
-        followed = _follow(problem, options, motion)
-        return report(followed, _samples(problem, options, followed), options.settings.max_events).observed
-
-    return eqx.filter_jvp(observed, (problem,), (d_problem,))[1]
-
-
-def _samples(problem: Problem, options: Options, motion: Motion):
-    if problem.ts is None:
-        return None
-    solver = options.settings.replay_solver(_flow_size(problem, options))
-    samples = sample_states(problem.system, solver, motion, problem.ts, forward_mode=True)  # `_sample_vjp` goes back
-    return jnp.where(_reached(problem.ts, motion), samples, jnp.nan)
-
-
-def _reached(ts, motion: Motion):
-    """Which samples a motion has come to: one that broke off has no states further on, and no derivatives of them."""
-    return (ts <= motion.t)[:, None]
-
-
-def go_back(
-    problem: Problem, options: Options, way: BackwardOptions, motion: Motion, cotangent: Observables
-) -> Problem:
-    """Cotangents of the problem from those of what is reported of its motion."""
-    motion = _follow(problem, options, motion)  # forward over reverse
-    backward = _backward_pass(problem, options, way.adjoint, motion, cotangent)
-    perturbed_ends = way.t0_perturbed, way.t1_perturbed
-    cotangents = pull_back(backward, motion, (problem.t0, problem.x0), problem.t1, perturbed_ends)
-    by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
-    return Problem(*cotangents, by_ts)
-
-
-def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, cotangent: Observables) -> BackwardPass:
-    """What the backward pass is made from. Samples that the motion has not come to have no cotangents."""
-    settings, system = options.settings, problem.system
-    replay = settings.replay_solver(_flow_size(problem, options))
-    final, samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
-    if samples is not None:
-        ts, samples = problem.ts, jnp.where(_reached(problem.ts, motion), samples, 0)
-    by_rows = Observables(final, samples, in_rows_recorded(motion, settings.max_events, cotangent.events))
-    controlled = settings.derivative_rtol != math.inf
-    control = _control(settings, replay)
-    inside = in_steps(system, options.mode, problem.t1, motion.x)
-    find_steps = recorded_steps
-    if settings.segment_steps is not None:
-        stepper = settings.stepper(_flow_size(problem, options))
-        find_steps = partial(recomputed_steps, system, stepper, (problem.t0, problem.x0), problem.t1)
-    return BackwardPass(system, inside, adjoint, replay, controlled, control, by_rows, ts, find_steps)
-
-
-def _control(settings: RunSettings, solver) -> DerivativeControl:
-    """What a derivative may be off by in a step.
-
-    Ordinary steps leave about a hundred times the motion's tolerance by the embedded estimate, which is of lower order
-    than they are. At rough tolerances the estimate is no longer as pessimistic."""
-    rtol = settings.derivative_rtol
-    if rtol is None:
-        rtol = jnp.minimum(100 * settings.rtol, jnp.maximum(1e-5, settings.rtol))
-    order = float(solver.error_order(TERM) or 2)
-    return DerivativeControl(rtol, settings.atol / settings.rtol, order, 4 * settings.max_steps)
-
-
-def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):
-    """Cotangents of the times asked for: a later sample lies further along the flow."""
-    sample = lambda ts: sample_states(problem.system, backward.solver, motion, ts)
-    return jax.vjp(sample, problem.ts)[1](backward.cotangent.samples)[0]
 
 
 def _forward_pass(problem: Problem, options: Options) -> Motion:
@@ -142,9 +70,39 @@ def _forward_pass(problem: Problem, options: Options) -> Motion:
     return run_segments(system, stepper, t1, motion)
 
 
+def _samples(problem: Problem, options: Options, motion: Motion):
+    if problem.ts is None:
+        return None
+    solver = options.settings.replay_solver(_flow_size(problem, options))
+    # Differentiated forward alone: `pull_back` and `_by_sample_times` go back.
+    samples = sample_states(problem.system, solver, motion, problem.ts, forward_mode=True)
+    return jnp.where(_reached(problem.ts, motion), samples, jnp.nan)
+
+
+def _reached(ts, motion: Motion):
+    """Which samples a motion has come to: one that broke off has no states further on, and no derivatives of them."""
+    return (ts <= motion.t)[:, None]
+
+
+def _flow_size(problem: Problem, options: Options) -> FlowSize:
+    return flow_size(problem.system, options.mode, problem.t0, problem.x0)
+
+
+def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: Problem) -> Observables:
+    """Tangent of what is observed of a motion (T6). It may take shorter steps than the motion, which stays as it is
+    without a tangent: `jax.linearize` asks for that."""
+
+    def observed(problem):
+        followed = _follow(problem, options, motion)
+        return report(followed, _samples(problem, options, followed), options.settings.max_events).observed
+
+    return eqx.filter_jvp(observed, (problem,), (d_problem,))[1]
+
+
 @eqx.filter_custom_jvp
 def _follow(problem: Problem, options: Options, motion: Motion) -> Motion:
-    """A motion that is known. In forward mode: with the steps that its variation takes, and with that variation."""
+    """The motion itself. Differentiated forward, it is one with the steps that its tangent takes, and has that tangent:
+    so what is made from the motion by plain JAX gets the right derivative by the problem."""
     del problem, options
     return batch_in_front(motion)
 
@@ -169,5 +127,49 @@ def _follow_jvp(primals, tangents):
     return batch_in_front(motion), eqx.tree_at(moved, nothing, (d.end, d.final, d.steps_t, d.steps_x, d.events))
 
 
-def _flow_size(problem: Problem, options: Options) -> FlowSize:
-    return flow_size(problem.system, options.mode, problem.t0, problem.x0)
+def go_back(
+    problem: Problem, options: Options, backward_options: BackwardOptions, motion: Motion, cotangent: Observables
+) -> Problem:
+    """Cotangents of the problem from those of what is reported of its motion."""
+    motion = _follow(problem, options, motion)  # for forward over reverse
+    backward = _backward_pass(problem, options, backward_options.adjoint, motion, cotangent)
+    perturbed_ends = backward_options.t0_perturbed, backward_options.t1_perturbed
+    cotangents = pull_back(backward, motion, (problem.t0, problem.x0), problem.t1, perturbed_ends)
+    by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
+    return Problem(*cotangents, by_ts)
+
+
+def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, cotangent: Observables) -> BackwardPass:
+    """What the backward pass is made from. Samples that the motion has not come to have no cotangents."""
+    settings, system = options.settings, problem.system
+    replay = settings.replay_solver(_flow_size(problem, options))
+    final, samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
+    if samples is not None:
+        ts, samples = problem.ts, jnp.where(_reached(problem.ts, motion), samples, 0)
+    by_rows = Observables(final, samples, in_rows_recorded(motion, settings.max_events, cotangent.events))
+    controlled = settings.derivative_rtol != math.inf
+    control = _control(settings, replay)
+    inside = in_steps(system, options.mode, problem.t1, motion.x)
+    find_steps = recorded_steps
+    if settings.segment_steps is not None:
+        stepper = settings.stepper(_flow_size(problem, options))
+        find_steps = partial(recomputed_steps, system, stepper, (problem.t0, problem.x0), problem.t1)
+    return BackwardPass(system, inside, adjoint, replay, controlled, control, by_rows, ts, find_steps)
+
+
+def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):
+    """Cotangents of the times asked for, by which a sample moves along the flow."""
+    sample = lambda ts: sample_states(problem.system, backward.solver, motion, ts)
+    return jax.vjp(sample, problem.ts)[1](backward.cotangent.samples)[0]
+
+
+def _control(settings: RunSettings, solver) -> DerivativeControl:
+    """What a derivative may be off by in a step.
+
+    Ordinary steps leave about a hundred times the motion's tolerance by the embedded estimate, which is of lower order
+    than they are. At rough tolerances the estimate is no longer as pessimistic."""
+    rtol = settings.derivative_rtol
+    if rtol is None:
+        rtol = jnp.minimum(100 * settings.rtol, jnp.maximum(1e-5, settings.rtol))
+    order = float(solver.error_order(TERM) or 2)
+    return DerivativeControl(rtol, settings.atol / settings.rtol, order, 4 * settings.max_steps)

@@ -108,7 +108,8 @@ def simulate(
     cannot be exported by `jax.export` (NotImplementedError): use `throw=False` or "nan" there. `jax.shard_map` needs
     `check_vma=False`, and a batch that is placed on several devices a mesh with automatic axes.
     """
-    again = functools.partial(
+    written = scene
+    again = functools.partial(  # the same call for other `ts`
         simulate, scene, state, mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
         rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step,
         capture_speed=capture_speed, adjoint=adjoint, throw=throw,
@@ -127,12 +128,15 @@ def simulate(
     mode = mode_as_arrays(mode)
     scene, running_cost, switching = _prepared(scene, running_cost, t0, state, mode)
     adjoint = adjoint or Replay()
-    room = max_events, max_steps, segment_room(adjoint, ts)
-    check_room(max_events, room[2] or max_steps, state)
-    settings = RunSettings(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
-    fixed = (capture_speed, rtol, atol)
-    cut, *depth = (x if isinstance(x, float) else Fixed.of(x, state.q.dtype) for x in fixed)
-    contacts = MechanicalSystem(scene, running_cost, cut, state.q.shape[0], (depth[0], depth[1]), jump_ts)
+    segment_steps = segment_room(adjoint, ts)
+    check_room(max_events, segment_steps or max_steps, state)
+    settings = RunSettings(
+        solver or diffrax.Tsit5(), rtol, atol, max_events, max_steps, segment_steps, max_step, adjoint.step_rtol
+    )
+    # Numbers that the system holds and no derivative is taken by.
+    fixed = lambda x: x if isinstance(x, float) else Fixed.of(x, state.q.dtype)
+    depth = fixed(rtol), fixed(atol)
+    contacts = MechanicalSystem(scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts)
     system = contacts if switching is None else SwitchedSystem(contacts, *switching, mode)
     if not adjoint.forward_mode:
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
@@ -141,26 +145,26 @@ def simulate(
     if throw == "nan":
         trajectory = nan_unless_reached(trajectory, (system, state, t0, t1, ts))
     elif throw:
-        written = again.args[0]
         shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
         trajectory = raise_unless_successful(trajectory, shown)
     trajectory = trajectory if adjoint.reverse_mode else forward_only(trajectory)
     known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
-    return trajectory.come_from(again.args[0], again) if known else trajectory
+    return trajectory.come_from(written, again) if known else trajectory
 
 
 def _prepared(scene: AbstractScene, running_cost, t0, state: State, mode):
     """The scene and the running cost, checked, in the type of the state, with all that they close over as leaves; and
-    the rules of its switches and their number, None for a scene without."""
+    the rules of its switches and their number, None for a scene without. A scene with switches becomes the scene that
+    it is in its mode."""
     check_mode(scene, mode)
     scene, running_cost = in_type((scene, running_cost), state.q.dtype)
     in_its_mode, cost_there = in_mode(scene, running_cost, mode)
-    switching, own = None, ()
+    switching, modes = None, ()
     if isinstance(scene, AbstractSwitchedScene):
         count = check_switches(scene, state, mode)
-        switching, own = (switch_rules(scene, t0, state, mode), count), (mode,)
+        switching, modes = (switch_rules(scene, t0, state, mode), count), (mode,)
     of_one_type = check_shapes(in_its_mode, state, cost_there)
-    lifted, running_cost = lift_closures(in_its_mode, running_cost, t0, state, *own)
+    lifted, running_cost = lift_closures(in_its_mode, running_cost, t0, state, *modes)
     scene, running_cost = in_mode(lifted, running_cost, mode)
     return scene if of_one_type else TypedScene(scene, state.q.dtype), running_cost, switching
 

@@ -93,7 +93,7 @@ def solve(
     ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
     jump_ts = declared_jump_times(system, jump_ts, dtype)
     check_mesh(system, x0, t0, t1, ts)
-    written = system, x0
+    written = system, x0  # what a message speaks of
     system, running_cost = in_type((system, running_cost), dtype)
     counts, cost = check_system(system, running_cost, t0, x0, mode)
     system, running_cost = in_type(lifted(system, running_cost, t0, x0, mode), dtype)
@@ -106,8 +106,10 @@ def solve(
         )
     )  # fmt: skip
     rtol, atol, max_step, _ = given_numbers(rtol, atol, max_step, 0.0, dtype, (system, x0, t0, t1, ts))
-    room = max_events, max_steps, segment_room(adjoint, ts)
-    settings = RunSettings(solver or diffrax.Tsit5(), rtol, atol, *room, max_step, adjoint.step_rtol)
+    settings = RunSettings(
+        solver or diffrax.Tsit5(), rtol, atol, max_events, max_steps, segment_room(adjoint, ts), max_step,
+        adjoint.step_rtol,
+    )  # fmt: skip
     if not adjoint.forward_mode:
         system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
     flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), *counts, mode)
@@ -122,7 +124,7 @@ def solve(
 
 
 class Call(eqx.Module):
-    """A call of `solve` with all arguments but `ts`."""
+    """A call of `solve` with all arguments but `ts`, as a PyTree: it rides along with the solution through JAX."""
 
     arrays: tuple
     rest: tuple = eqx.field(static=True)

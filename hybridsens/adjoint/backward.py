@@ -13,7 +13,7 @@ from ..observables import filled
 from ..xla.packed import pack
 from .control import FORESEEN
 from .jump import Jump, pull_jump_back
-from .no_length import pull_through
+from .no_length import pull_no_length
 from .steps_back import BackwardPass, Costate, through_steps
 
 
@@ -29,6 +29,7 @@ def pull_back(
     system = backward.system
     t0_perturbed, t1_perturbed = perturbed_ends
     start = _costate_at_end(backward, motion)
+    no_gradient = _zeros(eqx.filter(system, eqx.is_inexact_array))
 
     def one_segment(carry):
         j, costate, by_events = carry
@@ -39,9 +40,10 @@ def pull_back(
     def sweep(carry):
         number, costate, _ = carry
         foreseen = jax.tree.map(lambda gathered: (FORESEEN * gathered).astype(gathered.dtype), costate.gathered)
-        again = start._replace(foreseen=foreseen, strict=number > 0, tries=costate.tries)
-        swept = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, (motion.events.count, again, no_gradient))
-        return number + 1, *swept[1:]
+        at_end = start._replace(foreseen=foreseen, strict=number > 0, tries=costate.tries)
+        begin = motion.events.count, at_end, no_gradient
+        _, costate, by_events = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, begin)
+        return number + 1, costate, by_events
 
     def goes_on(carry):
         # The error allowed to a step is relative to dJ/dtheta, whose size is known after a sweep. If the error of some
@@ -51,13 +53,12 @@ def pull_back(
         unresolved = backward.control.of_gradient(backward.step_parameters, gathered, worst, costate.peak) > 1
         return (number == 0) | ((number == 1) & unresolved)
 
-    no_gradient = _zeros(eqx.filter(system, eqx.is_inexact_array))
     _, costate, by_events = lax.while_loop(goes_on, sweep, (jnp.array(0), start, no_gradient))
     # Out of tries the gradient is not finished: a wrong one must not pass.
     nan_if_unfinished = jnp.where(costate.tries < backward.control.most_tries, 0, jnp.nan)
     or_nan = lambda tree: jax.tree.map(lambda leaf: leaf + nan_if_unfinished.astype(leaf.dtype), tree)
-    total, psi = _added(or_nan(by_events).unpack(), or_nan(costate.total).unpack()), or_nan(costate.psi)
-    total, psi, by_t0 = _through_start(backward, motion, initial, total, psi, t0_perturbed)
+    total = _added(or_nan(by_events).unpack(), or_nan(costate.total).unpack())
+    total, psi, by_t0 = _through_start(backward, motion, initial, total, or_nan(costate.psi), t0_perturbed)
     by_t1 = jnp.zeros_like(t1)
     if t1_perturbed:
         by_t1 = where_reached(motion, backward.cotangent.final @ system.flow(t1, motion.x, motion.mode))
@@ -69,7 +70,8 @@ def _through_segment(backward: BackwardPass, motion: Motion, j, t0, costate: Cos
     steps = backward.find_steps(motion, j)
     costate = costate._replace(psi=steps.valid * costate.psi)  # nan where it was run again and came back different
     costate = through_steps(backward, steps, segment_end(motion, j), costate)
-    by_parameters, by_state = pull_through(backward.system, backward.in_steps, motion, j, t0, costate.psi)
+    # Zeros, which matter to a second derivative alone.
+    by_parameters, by_state = pull_no_length(backward.system, backward.in_steps, motion, j, t0, costate.psi)
     total = jax.tree.map(jnp.add, costate.total, pack(by_parameters))
     return costate._replace(psi=costate.psi + by_state, total=total)
 

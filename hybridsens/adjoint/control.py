@@ -39,7 +39,7 @@ class DerivativeControl(eqx.Module):
 
     rtol: Any
     """Largest error of one step, relative; inf for no control."""
-    size: Any
+    least_state: Any
     """Size of a state entry below which the tolerances of the motion do not look, atol / rtol."""
     order: float = eqx.field(static=True)
     """At which power of the step the estimated error falls."""
@@ -50,13 +50,13 @@ class DerivativeControl(eqx.Module):
         """Error of a tangent over what is allowed, and its size; `before` and `after` are its values at the ends of
         the step, `peak` is the largest size that it had.
 
-        Each entry is measured by itself, and by what the largest is in the units of the state. A tangent that a contact
-        has wiped out but for rounding has no error."""
-        return self._of_entries(jnp.abs(x) + self.size, before, after, error, peak)
+        The error of an entry is compared with the entry itself, and with a part of the largest one: entries are made
+        comparable by the sizes of the state. A tangent that a contact has wiped out but for rounding has no error."""
+        return self._of_entries(jnp.abs(x) + self.least_state, before, after, error, peak)
 
     def of_costate(self, x, before, after, error, peak) -> tuple[Array, Array]:
         """The same of a costate, whose units are the inverse ones."""
-        return self._of_entries(1 / (jnp.abs(x) + self.size), before, after, error, peak)
+        return self._of_entries(1 / (jnp.abs(x) + self.least_state), before, after, error, peak)
 
     def _of_entries(self, unit, before, after, error, peak):
         own = jnp.maximum(jnp.abs(before), jnp.abs(after))
@@ -65,9 +65,9 @@ class DerivativeControl(eqx.Module):
         return jnp.where(is_noise(size, peak), 0, ratio), size
 
     def of_direction(self, parameters, d_parameters, x0, dx0) -> Float[Array, ""]:
-        """Size of a direction: relative to each parameter, or to 1 if that is more, and to the state. A tangent that is
-        smaller by rounding is none."""
-        sizes = [jnp.max(jnp.abs(dx0) / (jnp.abs(x0) + self.size), initial=0)]
+        """Size of a direction: relative to each parameter, or to 1 if that is more, and to the state. It is the first
+        `peak`: a tangent that is smaller by rounding is none."""
+        sizes = [jnp.max(jnp.abs(dx0) / (jnp.abs(x0) + self.least_state), initial=0)]
         for parameter, direction in zip(*map(jax.tree.leaves, (parameters, d_parameters)), strict=True):
             most = jnp.max(jnp.abs(direction), initial=0)
             sizes.append(most / jnp.maximum(jnp.max(jnp.abs(parameter), initial=0), 1))
@@ -99,16 +99,22 @@ class DerivativeControl(eqx.Module):
         """Whether a step is short enough, and the longest step that would be."""
         accepted = ~(ratio > 1)
         longest = lambda: h * jnp.clip(jnp.maximum(ratio, 1e-9) ** (-1 / self.order), 0.1, 5.0)
-        known = accepted & jnp.isinf(width)  # the usual case pays for no power
-        return accepted, lax.cond(known, lambda: width, longest)
+        stays_unlimited = accepted & jnp.isinf(width)  # the usual case pays for no power
+        return accepted, lax.cond(stays_unlimited, lambda: width, longest)
 
     def cut(self, width):
         """How long the parts are into which a step is cut that is longer than `width`."""
         return width * REFINED ** (1 / self.order)
 
 
+def of_all_directions(ratio):
+    """The largest ratio of all directions of a Jacobian (`jax.jacfwd`), which share their steps."""
+    return _largest_of_directions(lax.stop_gradient(ratio))
+
+
 @jax.custom_batching.custom_vmap
 def _largest_of_directions(ratio):
+    """The ratio itself; under `jax.vmap` the largest along the axis."""
     return ratio
 
 
@@ -116,11 +122,6 @@ def _largest_of_directions(ratio):
 def _largest_of_directions_vmap(axis_size, in_batched, ratio):
     del axis_size
     return jnp.max(ratio) if in_batched[0] else ratio, False
-
-
-def of_all_directions(ratio):
-    """The largest ratio of all directions of a Jacobian (`jax.jacfwd`), which share their steps."""
-    return _largest_of_directions(lax.stop_gradient(ratio))
 
 
 def is_noise(size, peak, roundings=NOISE):

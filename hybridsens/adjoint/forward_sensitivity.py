@@ -32,7 +32,7 @@ from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
 from .control import DerivativeControl, of_all_directions
 from .jump import push_jump_forward
-from .no_length import push_through
+from .no_length import push_no_length
 
 
 class MotionTangent(NamedTuple):
@@ -75,14 +75,14 @@ class Place(NamedTuple):
     tries: Int[Array, ""]
 
 
-def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> tuple[Motion, MotionTangent]:
-    """Tangent of a motion under `tangents` of (x0, t0, t1), and the motion with all steps that this has taken.
+def push_forward(forward: ForwardPass, motion: Motion, initial, t1, tangents) -> tuple[Motion, MotionTangent]:
+    """The motion with all steps that its tangent has taken, and that tangent, under `tangents` of (x0, t0, t1).
 
-    Inside a segment the grid stands still; its ends move with the events (T5).
+    `initial` is (t0, x0). Inside a segment the grid stands still; its ends move with the events (T5).
     """
     dx0, dt0, dt1 = tangents
     system, d_system = forward.system, forward.d_system
-    t0, x0 = start
+    t0, x0 = initial
     events, steps = motion.events, motion.steps
     mode, _, _ = segment(motion, 0)
     begin = lambda system, t, x: system.project(t, x, mode)
@@ -93,15 +93,19 @@ def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> t
     tangent = MotionTangent(
         dt1, zeros(motion.x), zeros(events.states), zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0)
     )
-    taken = StepRecord(jnp.full_like(steps.t, jnp.inf).at[0].set(steps.t[0]), zeros(steps.x).at[0].set(steps.x[0]),
-                       jnp.array(0))  # fmt: skip
+    taken = StepRecord(
+        jnp.full_like(steps.t, jnp.inf).at[0].set(steps.t[0]), zeros(steps.x).at[0].set(steps.x[0]), jnp.array(0)
+    )
 
     def one_segment(carry):
         j, dx, dt, taken, ends, tangent, peak, tries = carry
-        at = Place(jnp.array(0), t0, motion.x, dx, t0, taken, tangent.steps_x, peak, tries)
+        _, first, _ = segment(motion, j)
+        unlimited = jnp.full_like(t0, jnp.inf)
+        at = Place(first, steps.t[first], steps.x[first], dx, unlimited, taken, tangent.steps_x, peak, tries)
         at = _through_steps(forward, motion, j, at)
         tangent = tangent._replace(steps_x=at.steps_x)
-        dx = at.dx + push_through(system, d_system, motion, j, t0, at.dx)
+        # What is added is zero, and matters to a second derivative alone.
+        dx = at.dx + push_no_length(system, d_system, motion, j, t0, at.dx)
         dx, dt, taken, tangent = _through_event(forward, motion, j, (dx, dt), at.steps, tangent)
         ends = write(ends, jnp.where(j < events.count, taken.count, 0), jnp.minimum(j, ends.shape[0] - 1))
         return j + 1, dx, dt, taken, ends, tangent, at.peak, at.tries
@@ -110,7 +114,7 @@ def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> t
     carry = (jnp.array(0), dx, dt0, taken, zeros(events.steps), tangent, peak, jnp.array(0))
     carry = lax.while_loop(lambda carry: carry[0] <= events.count, one_segment, carry)
     _, dx, _, taken, ends, tangent, _, tries = carry
-    room = steps.t.shape[0] - 2
+    room = steps.t.shape[0] - 2  # as `empty_steps` has it
     resolved = (tries < forward.control.most_tries) & (taken.count <= room)
     dx = jnp.where(resolved, dx, jnp.nan)
     final = dx + system.flow(t1, motion.x, motion.mode) * dt1
@@ -122,10 +126,10 @@ def push_forward(forward: ForwardPass, motion: Motion, start, t1, tangents) -> t
     return motion, tangent
 
 
-def _through_steps(forward: ForwardPass, motion: Motion, j, at: Place) -> Place:
+def _through_steps(forward: ForwardPass, motion: Motion, j, start: Place) -> Place:
     """Tangents through the steps of segment j: each recorded step at once, or in as many as they need."""
     control, record = forward.control, motion.steps
-    mode, first, last = segment(motion, j)
+    mode, _, last = segment(motion, j)
     end = segment_end(motion, j)
 
     def body(place: Place) -> Place:
@@ -136,19 +140,22 @@ def _through_steps(forward: ForwardPass, motion: Motion, j, at: Place) -> Place:
         ratio, size = control.of_state(place.x, place.dx, dx1, d_error, place.peak)
         accepted, width = control.judge(of_all_directions(ratio), t1 - place.t, place.width)
         accepted = accepted | (t1 - place.t <= time_resolution(t1, 2))
-        at_once = accepted & reaches & (place.t == record.t[place.k])
+        in_one = accepted & reaches & (place.t == record.t[place.k])
         x1 = jnp.where(reaches & (place.k + 1 < last), record.x[place.k + 1], x1)
+        if_accepted = lambda new, old: jnp.where(accepted, new, old)
         return Place(
-            jnp.where(accepted & reaches, place.k + 1, place.k), jnp.where(accepted, t1, place.t),
-            jnp.where(accepted, x1, place.x), jnp.where(accepted, dx1, place.dx),
-            jnp.where(at_once, jnp.inf, width), place.steps.append(t1, x1, accepted),
-            write(place.steps_x, dx1, place.steps.count + 1),
-            jnp.where(accepted, jnp.maximum(place.peak, lax.stop_gradient(size)), place.peak), place.tries + 1,
-        )  # fmt: skip
+            k=jnp.where(accepted & reaches, place.k + 1, place.k),
+            t=if_accepted(t1, place.t),
+            x=if_accepted(x1, place.x),
+            dx=if_accepted(dx1, place.dx),
+            width=jnp.where(in_one, jnp.inf, width),
+            steps=place.steps.append(t1, x1, accepted),
+            steps_x=write(place.steps_x, dx1, place.steps.count + 1),
+            peak=if_accepted(jnp.maximum(place.peak, lax.stop_gradient(size)), place.peak),
+            tries=place.tries + 1,
+        )
 
-    goes_on = lambda place: (place.k < last) & (place.tries < control.most_tries)
-    never = jnp.full_like(end, jnp.inf)
-    return lax.while_loop(goes_on, body, at._replace(k=first, t=record.t[first], x=record.x[first], width=never))
+    return lax.while_loop(lambda place: (place.k < last) & (place.tries < control.most_tries), body, start)
 
 
 def _push_step(forward: ForwardPass, mode, place: Place, t1):

@@ -54,7 +54,7 @@ def without_length(motion: Motion, j, t0) -> tuple[Bool[Array, ""], tuple[Array,
     return first == last, ends, x, mode
 
 
-def push_through(system: AbstractFlatSystem, d_system, motion: Motion, j, t0, dx):
+def push_no_length(system: AbstractFlatSystem, d_system, motion: Motion, j, t0, dx):
     """What a segment of no length adds to a tangent: (t1 - t0) (f_x dx + f_theta dtheta)."""
     is_empty, (start, end), x, mode = without_length(motion, j, t0)
 
@@ -65,7 +65,7 @@ def push_through(system: AbstractFlatSystem, d_system, motion: Motion, j, t0, dx
     return jnp.where(is_empty, _in_no_time(rate, start, end, system, d_system, end, x, mode, dx), 0)
 
 
-def pull_through(system: AbstractFlatSystem, in_steps, motion: Motion, j, t0, psi) -> tuple[Any, Array]:
+def pull_no_length(system: AbstractFlatSystem, in_steps, motion: Motion, j, t0, psi) -> tuple[Any, Array]:
     """What a segment of no length adds to dJ/dtheta and to a costate: (t1 - t0) f_theta^T psi and (t1 - t0) f_x^T psi.
     """
     is_empty, (start, end), x, mode = without_length(motion, j, t0)

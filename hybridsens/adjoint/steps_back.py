@@ -113,7 +113,7 @@ class Costate(NamedTuple):
     data: Int[Array, ""]
     """How many data times lie before."""
     tries: Int[Array, ""]
-    """SegmentSteps tried."""
+    """Steps tried."""
 
 
 class Place(NamedTuple):
@@ -173,8 +173,8 @@ def through_steps(backward: BackwardPass, steps: SegmentSteps, end, costate: Cos
 
 
 def _state_at(backward: BackwardPass, mode, is_start, start, t, x):
-    """The state at t, which is the start of a recorded step, where the state is x, or lies inside of it: by a step from
-    its start. The motion is resolved, so any shorter step follows it."""
+    """The state at t inside of a recorded step, by a step from its start, where the state is x. The motion is resolved,
+    so any shorter step follows it."""
     return lax.cond(is_start, lambda: x, lambda: one_step(backward.solver, backward.system, mode, start, t, x))
 
 
@@ -212,7 +212,7 @@ def _add_data(backward: BackwardPass, here, psi, data):
 
 def _judge(backward: BackwardPass, x, costate: Costate, step: StepBack, h, width):
     """Whether a step back resolves what it carries, the longest step to try next, the size of psi and its largest."""
-    if step.psi_error is None:
+    if step.psi_error is None:  # nothing is judged, and the size of psi is not asked for
         return jnp.array(True), width, costate.peak, costate.peak
     control = backward.control
     ratio, size = control.of_costate(x, costate.psi, step.psi, step.psi_error, costate.peak)

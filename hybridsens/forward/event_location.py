@@ -59,7 +59,7 @@ class Verdict(NamedTuple):
     retry_at_root: Bool[Array, ""]
     """It is tried again, to end on an event."""
     must_split: Bool[Array, ""]
-    """It is tried again, to end where it tells enough."""
+    """It is tried again, shorter, since its ends do not tell enough of what the guards do in it."""
 
     @classmethod
     def of(cls, accurate, inside: Inside) -> "Verdict":
@@ -114,7 +114,8 @@ class EventLocator(diffrax.AbstractStepSizeController):
         guard, rate = system.guards_and_rates(t1, y1_candidate, mode)
         begin, end, error = jnp.asarray(t0), jnp.asarray(t1), jnp.asarray(y_error)
         step = StepEnds(begin, y0, state.guard, state.rate, end, y1_candidate, guard, rate, error, error_order)
-        inside, h = self._look(system, mode, step, accurate, state), t1 - t0
+        h = t1 - t0
+        inside = self._look(system, mode, step, accurate, state)
         # First a verdict.
         verdict = Verdict.of(accurate, inside)
         keep, retry_at_root, must_split = verdict
@@ -178,16 +179,16 @@ def _search(system, mode, ends: StepEnds, accurate, inside: Inside, resolution: 
     """What a search of the inside of the step adds where its ends show nothing."""
     h = ends.t1 - ends.t0
     wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & is_divisible(ends.t0, h)
-    # The end was judged before: without its own depth the search would find it again.
+    # `look_inside` has judged the end: the search is not to find again what lies below zero there.
     tolerance = resolution.rounding + resolution.noise + jnp.maximum(-ends.guard1, 0)
     searched = system.search(ends, mode, tolerance, wanted)
     found = jnp.isfinite(searched.crossing)
     gave_up = ~found & (searched.reached < 1)
     can_graze = jnp.any(resolution.depth >= 0)
-    far = ~can_graze | (searched.reached > LEAST_SEARCHED)
+    got_far = ~can_graze | (searched.reached > LEAST_SEARCHED)
     return inside._replace(
         t_root=jnp.where(found, ends.t0 + searched.crossing * h, inside.t_root),
         ends_early=inside.ends_early | found,
-        split=jnp.where(gave_up & far, jnp.maximum(searched.reached, LEAST_SEARCHED), inside.split),
-        grazes=inside.grazes | (gave_up & ~far),
+        split=jnp.where(gave_up & got_far, jnp.maximum(searched.reached, LEAST_SEARCHED), inside.split),
+        grazes=inside.grazes | (gave_up & ~got_far),
     )

@@ -58,7 +58,9 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         return y1, error, dict(y0=y0, y1=y1), last, diffrax.RESULTS.successful
 
     def _step(self, system, mode, t0, t1, y0, first):
-        """The new state, its error, and the last stage; `first` is the first stage where it is known."""
+        """The new state, its error, and the last stage; `first` is the first stage, None where it is not known.
+
+        Stages k_i are handed on as the first one, k_0, and the `rises` k_i - k_0 of the others (see `_mean`)."""
         h = t1 - t0
         first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, first)
         y1, moved = system.project_with_error(t1, y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), mode)
@@ -68,6 +70,12 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
     def _error(self, h, first, rises, last):
         """h sum_i (b_i - b^_i) k_i of the embedded pair."""
         return h * _mean(self.tableau.b_error, 0.0, first, rises if last is None else [*rises, last - first])
+
+    def advance(self, system, mode, t0, t1, y0):
+        """The state after one step and nothing else: what a recorded step is replayed with, inside of `by_mode`."""
+        h = t1 - t0
+        first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None)
+        return system.project(t1, y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), mode)
 
     def advance_with_error(self, system, mode, t0, t1, y0):
         """The state after one step before it is projected, and its error: what a step is differentiated by, inside of
@@ -79,17 +87,11 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         return y1, self._error(h, first, rises, last)
 
     def points(self, f, y0, h):
-        """The states X_i at which a step evaluates the flow f(c, X), one a row, and the state after it: what the step
-        is differentiated by where its stages are run in a loop."""
+        """The states X_i (stage, state) at which a step evaluates the flow f(c, X), and the state after it: what the
+        adjoint of a step is made from whose stages run in a loop."""
         (first, rises), points = _stages_in_a_loop(f, y0, h, None, *self._rows_and_times())
         y1 = y0 + h * _mean(_weights(self.tableau), 1.0, first, rises)
         return (jnp.concatenate([points, y1[None]]) if self.tableau.fsal else points), y1
-
-    def advance(self, system, mode, t0, t1, y0):
-        """The state after one step and nothing else: what a recorded step is replayed with, inside of `by_mode`."""
-        h = t1 - t0
-        first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None)
-        return system.project(t1, y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), mode)
 
     def _stages(self, f, y0, h, first) -> tuple[Any, list[Any]]:
         """k_0, and k_i - k_0 of the other stages but a first-same-as-last one."""
@@ -130,12 +132,12 @@ def _stages_written_out(f, y0, h, first, rows, c):
 
 
 def _stages_in_a_loop(f, y0, h, first, rows, c):
-    """The stages, and the states at which they are evaluated. `ahead` holds what the coming stages start from so far,
-    the next one first: y_i = y0 + h ahead_i."""
+    """The stages, and the states (stage, state) at which they are evaluated. `ahead` holds what the coming stages start
+    from so far, the next one first: y_i = y0 + h ahead_i."""
     count, known = len(rows) + 1, 0 if first is None else 1
     c = np.concatenate([[0.0], c])
     adds = np.zeros((count, count))  # adds[j, i - j - 1]: what stage j adds to stage i
-    adds[0, :-1] = c[1:]  # the first counts in full, of the others what they differ from it
+    adds[0, :-1] = c[1:]  # the first stage counts in full, with the sum of the row; the others by their rises
     for i, row in enumerate(rows, 1):
         for j in range(1, i):
             adds[j, i - j - 1] = row[j]
@@ -151,8 +153,9 @@ def _stages_in_a_loop(f, y0, h, first, rows, c):
         ahead = jnp.concatenate([ahead[1:], jnp.zeros_like(ahead[:1])]) + add[:, None] * rise
         return (first, ahead), (rise, point)
 
+    # An unknown first stage is 0 until its turn comes, so that its rise is all of it; no rise of it is returned.
     start = jnp.zeros_like(y0) if first is None else first
-    ahead = adds[0][:, None] * start  # of an unknown first stage nothing yet
+    ahead = adds[0][:, None] * start
     stages = jnp.arange(known, count), c[known:], adds[known:]
     (first, _), (rises, points) = lax.scan(stage, (start, ahead), stages)
     return (first, [rises[i] for i in range(1 - known, count - known)]), points

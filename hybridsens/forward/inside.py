@@ -58,8 +58,7 @@ class Inside(NamedTuple):
 
 
 def is_divisible(t0, h) -> Bool[Array, ""]:
-    """Whether a step may be split or searched: the length of a shorter one is known to no better than a part in a
-    thousand."""
+    """Whether a step may be split or searched: rounding in time is more than a part in a thousand of a shorter one."""
     return h > time_resolution(t0, 4)
 
 
@@ -79,8 +78,8 @@ def _nothing(step: StepEnds) -> Inside:
 def _near(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     """Which guards have to be looked at: in all others `_look` finds nothing, by any of its rules.
 
-    Those are far which stay well above zero, by their tangents at both ends and by what they bend between them, in a
-    step that is longer than what time can resolve. One that is no number is not."""
+    A guard is far if it stays well above zero, by its tangents at both ends and by what it bends between them, in a
+    step that is longer than what time can resolve. A guard that is nan is near."""
     h = step.t1 - step.t0
     is_long = (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, resolution.shortenings))
     g0, d0, g1, d1 = step.guard0, step.rate0 * h, step.guard1, step.rate1 * h
@@ -132,6 +131,7 @@ def _both(a: Inside, b: Inside) -> Inside:
 
 
 def _look(step: StepEnds, resolution: Resolution) -> Inside:
+    """The rules, guard by guard: does it end on zero, fall through zero before, or may it dip below zero unseen?"""
     t0, t1, h = step.t0, step.t1, step.t1 - step.t0
     guard, rate, rounded = step.guard1, step.rate1, resolution.rounding
     on_guard = _on_guard(step, resolution)
@@ -143,14 +143,14 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     # A guard that is no number would never fall. A rate may be infinite where a gap is a square root.
     known = jnp.all(jnp.isfinite(guard) & ~jnp.isnan(rate))
     t_root = t0 + jnp.min(jnp.where(on_guard | is_shortest | ~known, jnp.inf, root), initial=jnp.inf) * h
-    ends = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
-    split = jnp.min(tangents_meet_below(*ends), initial=jnp.inf)
-    split = jnp.where(jnp.isinf(split) & hides_a_dip(*ends), 0.5, split)
-    split = jnp.where(is_divisible(t0, h), split, jnp.inf)
     ends_early = t_root < resolution.stop - time_resolution(t1, AT_END)
+    cubic = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
+    split = jnp.min(tangents_meet_below(*cubic), initial=jnp.inf)
+    split = jnp.where(jnp.isinf(split) & hides_a_dip(*cubic), 0.5, split)
+    split = jnp.where(is_divisible(t0, h), split, jnp.inf)
+    split = jnp.where(known, split, 0.5)
     to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
     landed_on, since = first_to_fall(on_guard, guard, rate)
-    split = jnp.where(known, split, 0.5)
     return Inside(
         t_root, ends_early, split, jnp.any(on_guard), landed_on, since, to_go, jnp.any(miss <= resolution.depth), known
     )
@@ -169,6 +169,6 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.
     fell = step.guard0 - guard
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))
-    noise = closeness(guard.dtype) / rounding(guard.dtype) * rounded
-    jumped = below_after_shortest & (fell > explained + noise)
+    counts_as_zero = closeness(guard.dtype) / rounding(guard.dtype) * rounded
+    jumped = below_after_shortest & (fell > explained + counts_as_zero)
     return may_fire & (((rate < 0) & (close | below_after_shortest | fell_at_end)) | jumped)

@@ -74,7 +74,7 @@ class Event(NamedTuple):
 
 
 class EventRecord(eqx.Module):
-    """Event j ends segment j. Arrays hold `max_events` entries, of which `count` are used."""
+    """Event j ends segment j. Jump times and silent events have rows among the others; `count` rows are used."""
 
     rows: EventRow
     """Times are inf and guards -1 beyond the last."""

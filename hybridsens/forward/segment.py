@@ -1,5 +1,6 @@
 """One smooth piece of a motion: a single Diffrax solve that ends on an event or at the end of the horizon."""
 
+import dataclasses
 from typing import NamedTuple
 
 import diffrax
@@ -32,11 +33,11 @@ class SegmentEnd(eqx.Module):
 def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> tuple[Motion, SegmentEnd]:
     """Integrate from where the motion stands until the first event, the next jump time or scheduled time, or t1.
 
-    Its beginning is an event too."""
+    The beginning of the motion counts as an event: the first segment ends where it starts."""
     known = next_known(system, motion, t1)
     stop = jnp.minimum(known.stop, t1)
     start = guards_at_start(system, motion.t, motion.x, motion.mode)
-    at_once = jnp.any(start.triggered) | ~motion.begun
+    ends_at_start = jnp.any(start.triggered) | ~motion.begun
     controller = EventLocator(
         stepper.controller, motion.first_step, stop, motion.steps, motion.rejected, start,
         stepper.max_steps, stepper.segment_steps,
@@ -46,7 +47,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
             TERM,
             stepper.solver,
             motion.t,
-            jnp.where(at_once, motion.t, jnp.maximum(stop, motion.t)),
+            jnp.where(ends_at_start, motion.t, jnp.maximum(stop, motion.t)),
             None,
             motion.x,
             args=(system, motion.mode),
@@ -59,18 +60,23 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     state, ts, ys = solution.controller_state, solution.ts, solution.ys
     assert isinstance(state, LocatorState) and ts is not None and ys is not None
     landed = solution.result == diffrax.RESULTS.event_occurred
-    guard = jnp.where(at_once, first_to_fall(start.triggered, start.guard, start.rate)[0], state.landed_on)
+    guard = jnp.where(ends_at_start, first_to_fall(start.triggered, start.guard, start.rate)[0], state.landed_on)
     guard = jnp.where(motion.begun, guard, START)
-    first_step = jnp.where(motion.begun, state.free_step, motion.first_step)  # to be found in the mode then chosen
-    motion = Motion(
-        motion.begun, ts[0], ys[0], motion.mode, motion.first_mode, state.record, motion.events, motion.last_event,
-        motion.last_event_time, motion.grazing | state.grazing, motion.unreported, state.rejected, first_step,
-        Status.where(jnp.isnan(known.time), Status.non_finite, _status(solution.result, state.finite)),
-    )  # fmt: skip
-    event = at_once | landed
-    comes = ~event & (motion.status == Status.running) & jnp.isfinite(known.stop)
-    time = jnp.where(comes, known.time, motion.t)
-    return motion, SegmentEnd(event | comes, jnp.where(comes, known.event, guard), time)
+    motion = dataclasses.replace(
+        motion,
+        t=ts[0],
+        x=ys[0],
+        steps=state.record,
+        grazing=motion.grazing | state.grazing,
+        rejected=state.rejected,
+        # The beginning leaves it to be found in the mode that is chosen there.
+        first_step=jnp.where(motion.begun, state.free_step, motion.first_step),
+        status=Status.where(jnp.isnan(known.time), Status.non_finite, _status(solution.result, state.finite)),
+    )
+    on_guard = ends_at_start | landed
+    at_known_time = ~on_guard & (motion.status == Status.running) & jnp.isfinite(known.stop)
+    time = jnp.where(at_known_time, known.time, motion.t)
+    return motion, SegmentEnd(on_guard | at_known_time, jnp.where(at_known_time, known.event, guard), time)
 
 
 class KnownTime(NamedTuple):
@@ -92,7 +98,7 @@ def next_known(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime:
 
 
 def _next_jump(system: AbstractFlatSystem, t, t1) -> KnownTime | None:
-    """The first jump time after t: behind the one that was passed last, the clock stands later than it."""
+    """The first jump time after t. The clock stands behind the one that was passed last, which is not found again."""
     times = system.jump_times()
     if times is None or times.shape[0] == 0:
         return None
@@ -115,7 +121,8 @@ def _next_scheduled(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime
 
 
 def _unless_unknown(times, now, known: KnownTime) -> KnownTime:
-    """The next time; where one of them is no number, nan and here: a time that is nan would never come, in silence."""
+    """The known time; where one of `times` is nan, that is nan and the solve stops here. Else it would never come, in
+    silence."""
     unknown = jnp.any(jnp.isnan(times))
     return KnownTime(jnp.where(unknown, jnp.nan, known.time), jnp.where(unknown, now, known.stop), known.event)
 

@@ -27,7 +27,7 @@ class Transition(NamedTuple):
 
 
 def run_segments(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
-    """Carry a motion on to t1, through every event, in one compiled loop (a system without guards: in one solve)."""
+    """Carry a motion on to t1, through every event, in one compiled loop; in one solve where no event can come."""
     scheduled = system.scheduled_times(motion.x, motion.mode)
     if guard_count(system, motion) == 0 and system.jump_times() is None and scheduled is None:
         return _run_freely(system, stepper, t1, motion)
@@ -43,16 +43,16 @@ def run_segments(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motio
 
 
 def _goes_on(motion: Motion):
-    """Whether the motion is running, and has room for an event (which it always has).
+    """Whether the motion is running. The second condition always holds, since a motion without room for its event ends.
 
-    Two of the values carried are asked, on purpose: where one alone ends a loop, XLA looks for a count of its turns by
+    It is asked on purpose: where one carried value alone ends a loop, XLA looks for a count of its turns by
     interpreting the body, again at every pass over the program."""
     return (motion.status == Status.running) & (motion.events.count < motion.events.steps.shape[0])
 
 
 def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
-    """A motion without any event, in one solve; of no length where it must not start. Nothing holds its state, so
-    nothing projects it."""
+    """A motion without any event, in one solve, which has no length where the motion must not start. Nothing holds its
+    state, so nothing projects it."""
     begins = system.choose(jnp.array(START), motion.t, motion.x, motion.mode)
     start = Status.where(motion.status == Status.running, begins.status, motion.status)
     motion = dataclasses.replace(motion, begun=jnp.array(True), status=start)
@@ -64,14 +64,15 @@ def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion
 def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Motion:
     """Decide what the event is, reset the state, and write the event down; without an event the motion has ended.
 
-    The first event is the beginning: the mode is chosen, the state is put on the constraints of that mode, and no row
-    is written. At a jump time the mode is chosen anew, and the state goes on."""
+    The first event is the beginning: the mode is chosen, the state is put on the constraints of that mode, and the
+    event is not `recorded`. At a jump time the mode is chosen anew, and the state goes on. An event does not pass where
+    there is no room for it, or where it repeats: then all stays as before, and the status tells why."""
     t, before, events = end.time, motion.x, motion.events
     at_jump_time = is_jump(end.event)
     hidden = at_jump_time | system.is_silent(end.event, motion.mode)
     full = ~hidden & (events.count - motion.unreported >= events.room)
-    again = _comes_again(system, motion, end)
-    passes = end.is_event & ~full & ~again
+    repeats = _repeats(system, motion, end)
+    passes = end.is_event & ~full & ~repeats
     recorded = passes & motion.begun
     transition = lambda: _transition(system, motion, end, at_jump_time)
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
@@ -100,17 +101,17 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         unreported=motion.unreported + (recorded & hidden),
         rejected=motion.rejected,
         first_step=first_step,
-        status=_status(motion, end, full, again, Status.where(passes, done.decision.status, Status.running)),
+        status=_status(motion, end, full, repeats, Status.where(passes, done.decision.status, Status.running)),
     )
 
 
-def _comes_again(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Bool[Array, ""]:
+def _repeats(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Bool[Array, ""]:
     """Whether the last event comes once more, at the same instant: it would do so for ever.
 
-    A scheduled time comes again only where an event moves it, a guard where its event put it below 0."""
-    again = motion.begun & (end.event == motion.last_event) & (end.event < guard_count(system, motion))
-    again &= jnp.logical_not(system.fires_at_once(end.event, motion.mode))
-    return again & (end.time - motion.last_event_time <= time_resolution(end.time, 1))
+    Two kinds may come once more: a scheduled time that its event moved, and a guard that its event put below 0."""
+    is_last = motion.begun & (end.event == motion.last_event)
+    may_repeat = (end.event >= guard_count(system, motion)) | system.fires_at_once(end.event, motion.mode)
+    return is_last & ~may_repeat & (end.time - motion.last_event_time <= time_resolution(end.time, 1))
 
 
 def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_jump_time) -> Transition:
@@ -128,11 +129,11 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     return Transition(decision, after, emitted)
 
 
-def _status(motion: Motion, end: SegmentEnd, full, again, decided: Status) -> Status:
+def _status(motion: Motion, end: SegmentEnd, full, repeats, decided: Status) -> Status:
     """What is said of the motion after a segment and its event. Later lines override earlier ones."""
     reached = Status.where(motion.grazing, Status.grazing, Status.successful)
     ended = Status.where(motion.status == Status.running, reached, motion.status)
     status = Status.where(end.is_event, motion.status, ended)
     status = Status.where(decided == Status.running, status, decided)
-    status = Status.where(end.is_event & again, Status.event_repeats, status)
+    status = Status.where(end.is_event & repeats, Status.event_repeats, status)
     return Status.where(end.is_event & full, Status.max_events_reached, status)

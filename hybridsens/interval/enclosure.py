@@ -64,7 +64,7 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
         return list(outcome) if equation.primitive.multiple_results else [outcome]
     if name == "unstack":  # x, y = q
         return [_entry(operands[0], k, params["axis"]) for k in range(len(equation.outvars))]
-    if name == "split":  # what a derivative by an array that was put together is taken apart by
+    if name == "split":  # in derivatives of `jnp.concatenate`
         return _pieces(operands[0], params["sizes"], params["axis"])
     outcome = _rule(name, params, operands, bind)
     if outcome is None:
@@ -108,6 +108,7 @@ def _selected(which, cases) -> Jet | Truth | None:
 
 
 def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth | None:
+    """Result of an operation on operands of which some move; None where no rule is known."""
     if name in LOGIC:
         return LOGIC[name](*map(_truth, operands))
     if name == "select_n":
@@ -134,18 +135,19 @@ def _rule(name: str, params, operands: list[Any], bind: Callable) -> Jet | Truth
     return None
 
 
-def _placed(numbers: tuple[int, ...], operands, bind) -> Jet | Truth | None:
-    """Entries read from places or put there, numbers or conditions; None where the places move."""
-    if any(isinstance(x, Jet | Truth) for k, x in enumerate(operands) if k not in numbers):
+def _placed(entries: tuple[int, ...], operands, bind) -> Jet | Truth | None:
+    """Entries read from places or put there, of numbers or of conditions: the operands of these indices. The others
+    tell the places; None where these move."""
+    if any(isinstance(x, Jet | Truth) for k, x in enumerate(operands) if k not in entries):
         return None
 
     def at_places(*parts):
         filled = list(operands)
-        for k, part in zip(numbers, parts, strict=True):
+        for k, part in zip(entries, parts, strict=True):
             filled[k] = part
         return bind(*filled)
 
-    given = [operands[k] for k in numbers]
+    given = [operands[k] for k in entries]
     if all(map(_is_condition, given)):
         return Truth(*(at_places(*parts) for parts in zip(*map(_truth, given), strict=True)))
     return _moved([_jet(x) for x in given], at_places)
@@ -197,7 +199,7 @@ def _converted(x, dtype):
 
 
 def _moved(jets: list[Jet], bind) -> Jet:
-    """A linear operation on several jets at once: they are laid side by side, say."""
+    """A linear operation on several jets at once, without negative weights: they are laid side by side, say."""
     parts = []
     for all_parts in zip(*jets, strict=True):
         if all(part is None for part in all_parts):
@@ -211,6 +213,7 @@ def _moved(jets: list[Jet], bind) -> Jet:
 
 
 def _unknown(aval) -> Jet | Truth:
+    """What may be anything: nan bounds, or a condition that is possible and not sure."""
     if aval.dtype == bool:
         return Truth(jnp.zeros(aval.shape, bool), jnp.ones(aval.shape, bool))
     dtype = aval.dtype if jnp.issubdtype(aval.dtype, jnp.floating) else jnp.result_type(float)

@@ -34,7 +34,7 @@ def gap_rate_and_bias(scene: AbstractScene, t, q, v) -> tuple[Float[Array, "cont
 
 
 def contact_jacobian(scene: AbstractScene, t, q) -> Float[Array, "contact dof"]:
-    """dPhi/dq, the paper's G transposed: by rows where there are far more coordinates than contacts."""
+    """dPhi/dq, the paper's G transposed: by rows where few contacts were picked and there are far more coordinates."""
     contacts = jax.eval_shape(scene.gap, t, q).shape[0]
     derivative = jax.jacrev if 4 * contacts <= q.shape[0] and isinstance(scene, SomeContacts) else jax.jacfwd
     return derivative(scene.gap, argnums=1)(t, q)
@@ -91,7 +91,7 @@ class Among(NamedTuple):
 
 
 def among_wanted(scene: AbstractScene, wanted: Bool[Array, "contact"], among: Among) -> tuple[Any, Any]:
-    """`among.run` with the contacts that are wanted, and with others where that is quicker: with one, or with all.
+    """`among.run` with the contacts that are wanted: with one where no other is wanted, else with all.
 
     A law for one contact is short. For two it would take as long to compile as for all."""
     if wanted.shape[0] <= FEW:
@@ -112,14 +112,14 @@ def among_held(scene: AbstractScene, held: Bool[Array, "contact"], dof: int, amo
 
 
 def _among_first(scene: AbstractScene, wanted, count: int, among: Among) -> tuple[Any, Any]:
-    """With so many contacts, those that are wanted before the others."""
+    """`among.run` with `count` contacts, those that are wanted before the others."""
     who = _first(wanted, count)
     found, rest = among.run(SomeContacts(scene, who), jax.tree.map(lambda leaf: leaf[who], among.by_contact))
     return jax.tree.map(lambda of_few, of_all: _spread(of_few, who, of_all), found, among.elsewhere), rest
 
 
 def _first(wanted: Bool[Array, "contact"], count: int) -> Int[Array, "few"]:
-    """Numbers of different contacts, those that are wanted before the others."""
+    """Numbers of `count` different contacts, those that are wanted before the others."""
     all_of_them = wanted.shape[0]
     place = jnp.arange(all_of_them)
     rank = place + all_of_them * ~wanted

@@ -54,17 +54,17 @@ def decide_transition(
     """The discrete outcome of guard `event` falling through zero at (t, q, v-), of the start, or of a flow jump."""
     t, q, v = now
     if mode.active.shape[0] == 0:  # no contact to choose: all that can be said is whether the values fit
-        no_contact = ImpactDetail(*4 * [mode.active])
+        no_contact = ImpactDetail(*4 * [mode.active])  # four empty arrays
         return Decision(mode, jnp.asarray(EventKind.IMPACT), no_contact, status=may_begin(scene, mode, event, now))
     triggered = jnp.arange(mode.active.shape[0]) == event
 
     def among(scene, given):
         mode, triggered = given
-        here = jnp.where(event >= 0, jnp.argmax(triggered), event)  # where the event is among those looked at
+        here = jnp.where(event >= 0, jnp.argmax(triggered), event)  # the event's number among those looked at
         d = _decide(scene, limits, here, now, mode)
         return (d.mode, d.detail), (d.kind, d.grazing, d.status, d.first_step_bound, d.order_matters)
 
-    if mode.active.shape[0] > FEW:  # not all will be looked at, and the sizes of all must be known from the start
+    if mode.active.shape[0] > FEW:  # one may be looked at alone, and the scales of all must be known from the start
         rate = gap_and_rate(scene, t, q, v)[1]
         begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, rate, limits.depth[1])
         mode = lax.cond(event < 0, begin, lambda: mode)
@@ -126,7 +126,7 @@ def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: Cont
 
 
 def _first_step_bound(scene: AbstractScene, after: Instant, gap_acceleration, leaving):
-    """Time of the shortest flight that begins here, 2 Phi' / -Phi''. A longer step could pass over a hop unseen."""
+    """Time of the shortest flight that begins here, 2 Phi' / -Phi''. A longer step could pass over it unseen."""
     _, rate = gap_and_rate(scene, *after)
     falls_back = leaving & (rate > 0) & (gap_acceleration < 0)
     return jnp.min(
@@ -144,17 +144,17 @@ def _order_matters(at_event: EventState, support, mode: ContactMode) -> Bool[Arr
     """Whether two contacts that were open met at this instant, and the impulse of one changes the rate of the other.
 
     Had one closed a little earlier, the outcome would differ by a finite amount. Contacts that are held by a force stay
-    closed under any small change, so they do not count. Uncoupled contacts may be struck in any order; but where they
-    are uncoupled by these parameters alone, the derivative by what couples them depends on the order too."""
+    closed under any small change, so they do not count. Uncoupled contacts may meet in any order; but where they are
+    uncoupled by these parameters alone, the derivative by what couples them depends on the order too."""
     rate, W = at_event.rate, at_event.geometry.delassus_matrix
-    takes_part = support | (rate < -closeness(rate.dtype) * mode.speed)
-    met = at_event.impacting & ~mode.active & takes_part
+    closing = rate < -closeness(rate.dtype) * mode.speed
+    met = at_event.impacting & ~mode.active & (support | closing)
     diagonal = jnp.abs(jnp.diag(W))
     coupled = jnp.abs(W) > closeness(W.dtype) * jnp.sqrt(diagonal[:, None] * diagonal)
     pairs = met[:, None] & met & coupled & ~jnp.eye(met.shape[0], dtype=bool)
-    beside = at_event.meeting & ~at_event.triggered & ~mode.active & (rate < -closeness(rate.dtype) * mode.speed)
-    is_struck = jnp.any(met & at_event.triggered)
-    return jnp.any(pairs) | (is_struck & jnp.any(beside & acted_on_nearby(at_event.geometry, at_event.triggered)))
+    beside = at_event.meeting & ~at_event.triggered & ~mode.active & closing
+    is_impact = jnp.any(met & at_event.triggered)
+    return jnp.any(pairs) | (is_impact & jnp.any(beside & acted_on_nearby(at_event.geometry, at_event.triggered)))
 
 
 def _with_selection(mode: ContactMode, selection: Selection, gap) -> ContactMode:

@@ -23,10 +23,11 @@ class EventState(NamedTuple):
     gap_acceleration: Float[Array, "contact"]
     """Phi'' as the motion was before."""
     triggered: Bool[Array, "contact"]
+    """The contact whose guard fell through zero; none at the start or at a flow jump."""
     meeting: Bool[Array, "contact"]
-    """Contacts whose gap is zero at this instant, whether or not the struck one acts on them."""
+    """Contacts whose gap is zero at this instant, whether or not the triggered one acts on them."""
     closed: Bool[Array, "contact"]
-    """Contacts that take part: held ones, the struck one, and those that meet here and that it acts on."""
+    """Contacts that take part: held ones, the triggered one, and those that meet here and that it acts on."""
     impacting: Bool[Array, "contact"]
     """Those of them that the law of impact is asked about: none at a release, at the start or at a flow jump."""
     below_rounding: Float[Array, "contact"]
@@ -38,7 +39,7 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     t, q, v = now
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
-    falls = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
+    accelerations = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
     mode = wider_scales(mode, geometry.jacobian, q, v, rate, atol)
     tolerance = gap_tolerance(mode.length)
     chosen_anew = event < 0  # at the start and at a flow jump
@@ -50,37 +51,38 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
     closed = jnp.where(chosen_anew, (gap <= tolerance) | held, closed)
     impacting = closed & ~is_release & ~chosen_anew
-    below_rounding = rate_below_rounding(falls, mode)
+    below_rounding = rate_below_rounding(accelerations, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
-    at_event = EventState(geometry, gap, rate, falls, triggered, meeting, closed, impacting, below_rounding)
+    at_event = EventState(geometry, gap, rate, accelerations, triggered, meeting, closed, impacting, below_rounding)
     return at_event, dataclasses.replace(mode, fastest=fastest)
 
 
 def rate_below_rounding(gap_acceleration, mode: ContactMode):
-    """Rates up to which a contact that falls back hops lower than the rounding of its gap, or than the margin through
-    which it fell: one that rests without a load has one, and a load that then grows presses it through."""
+    """Rates up to which a contact that falls back hops lower than the rounding of its gap and its margin together. A
+    contact that rests without a load has a margin, and a load that then grows presses it through."""
     height = rounding(mode.length.dtype) * mode.length + mode.margin
     return jnp.sqrt(4 * jnp.abs(gap_acceleration) * height)
 
 
 def _acted_on(geometry: ContactGeometry, event) -> Bool[Array, "contact"]:
-    """Contacts whose rate an impulse at the struck one changes."""
+    """Contacts whose rate an impulse at the triggered one changes."""
     W = geometry.delassus_matrix
     return jnp.abs(W[event]) > closeness(W.dtype) * jnp.sqrt(jnp.abs(jnp.diag(W) * W[event, event]))
 
 
-def acted_on_nearby(geometry: ContactGeometry, struck: Bool[Array, "contact"]) -> Bool[Array, "contact"]:
+def acted_on_nearby(geometry: ContactGeometry, triggered: Bool[Array, "contact"]) -> Bool[Array, "contact"]:
     """The same, here or for other parameters: W is a sum over coordinates, and may be zero because its terms cancel,
     as between the walls of a right angle."""
     diagonal = jnp.abs(jnp.diag(geometry.delassus_matrix))
-    of_struck = struck.astype(diagonal.dtype)
-    terms = (of_struck @ jnp.abs(geometry.jacobian)) @ jnp.abs(geometry.mobility)
-    return terms > closeness(diagonal.dtype) * jnp.sqrt(diagonal * (of_struck @ diagonal))
+    of_one = triggered.astype(diagonal.dtype)
+    terms = (of_one @ jnp.abs(geometry.jacobian)) @ jnp.abs(geometry.mobility)
+    return terms > closeness(diagonal.dtype) * jnp.sqrt(diagonal * (of_one @ diagonal))
 
 
 def wider_scales(mode: ContactMode, jacobian: Float[Array, "contact dof"], q, v, rate, atol) -> ContactMode:
-    """Sizes of gaps and rates, at least what `atol`, the caller's word for a size that does not matter, says: it
-    gives a scale to a scene that rests at the origin. A wall that moves towards a body at rest has a rate as well."""
+    """The mode with its scales of gaps and rates brought up to date. `atol`, the caller's word for a size that does not
+    matter, sets a floor: so a scene that rests at the origin has scales too. A wall that moves towards a body at rest
+    has a rate as well."""
     size = jnp.abs(jacobian)
     floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
     length = jnp.maximum(jnp.maximum(mode.length, floor), size @ jnp.abs(q))

@@ -38,7 +38,7 @@ class Turn(enum.IntEnum):
     """A test whether Gauss's principle holds neighbours that leave slowly, all of them together."""
     BROUGHT_TO_REST = 3
     """The law with those at rest; it is needed in any case, since the turn before selected with a wider limit. Impulses
-    that bring to rest may pull other contacts closed: it is repeated with these, until nobody is."""
+    that bring to rest may pull other contacts closed: the turn is repeated with these, until none is pulled."""
 
 
 def apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: Instant, mode: ContactMode) -> Impact:
@@ -52,19 +52,19 @@ def apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: I
     impacting, no_contact = at_event.impacting, jnp.zeros_like(at_event.impacting)
     cut = capture_speed * mode.fastest
     slow = impacting & (scene.restitution() * jnp.abs(at_event.rate) <= jnp.maximum(cut, at_event.below_rounding))
-    law = _Laws(scene, at_event, now, mode, slow, cut)
+    laws = _Laws(scene, at_event, now, mode, slow, cut)
 
-    def next_turn(carry):
+    def take_turn(carry):
         turn, last = carry
-        impact = law.apply(turn, last)
-        as_it_was = (turn == Turn.SLOW_PLASTIC) & ~jnp.any(impact.plastic != last.plastic)
-        again = (turn == Turn.BROUGHT_TO_REST) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
-        return jnp.where(as_it_was, Turn.TOGETHER, jnp.where(again, Turn.BROUGHT_TO_REST, turn + 1)), impact
+        impact = laws.apply(turn, last)
+        skips = (turn == Turn.SLOW_PLASTIC) & ~jnp.any(impact.plastic != last.plastic)
+        repeats = (turn == Turn.BROUGHT_TO_REST) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
+        return jnp.where(skips, Turn.TOGETHER, jnp.where(repeats, Turn.BROUGHT_TO_REST, turn + 1)), impact
 
-    several = (not law.alone) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with
+    several = (not laws.one_contact) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with
     turns = jnp.where(several, len(Turn), Turn.TOGETHER)
     start = Impact(slow, no_contact, no_contact, now.v, Selection(no_contact, no_contact))
-    return lax.while_loop(lambda carry: carry[0] < turns, next_turn, (jnp.array(0), start))[1]
+    return lax.while_loop(lambda carry: carry[0] < turns, take_turn, (jnp.array(0), start))[1]
 
 
 class _Laws(NamedTuple):
@@ -80,7 +80,7 @@ class _Laws(NamedTuple):
     """Speeds below which contacts do not leave."""
 
     @property
-    def alone(self) -> bool:
+    def one_contact(self) -> bool:
         """Whether the scene has one contact, which has no neighbour."""
         return self.slow.shape[0] == 1
 
@@ -90,7 +90,7 @@ class _Laws(NamedTuple):
         return closeness(self.now.q.dtype) * self.mode.speed
 
     def apply(self, turn: Int[Array, ""], last: Impact) -> Impact:
-        """Impulses, the velocities that they leave, and who is held then."""
+        """One turn, from what the last one left: impulses, the velocities after them, and who is held then."""
         (t, q, v), geometry, impacting = self.now, self.at_event.geometry, self.at_event.impacting
         restitution = jnp.where(last.plastic, 0, self.scene.restitution())
         support = impulse_support(geometry, self.at_event.rate, restitution, impacting, self.mode.speed)
@@ -99,20 +99,20 @@ class _Laws(NamedTuple):
         _, rate = gap_and_rate(self.scene, t, q, v_after)
         acceleration = gap_acceleration(self.scene, geometry, t, q, v_after)
         candidates, limit = self.at_event.closed, self.rest_speed
-        if not self.alone:
-            falls = acceleration.held(geometry, last.selection.active)
+        if not self.one_contact:
+            settle_speed = self._settle_speed(acceleration.held(geometry, last.selection.active))
             candidates = jnp.where(turn == Turn.TOGETHER, impacting, candidates)
-            limit = jnp.where(turn == Turn.TOGETHER, self._settle_speed(falls), limit)
+            limit = jnp.where(turn == Turn.TOGETHER, settle_speed, limit)
         selection = gauss_selection(geometry, acceleration, rate, candidates, limit)
         plastic = jnp.where(turn == Turn.SLOW_PLASTIC, self.slow & selection.active, last.plastic)
         brought_to_rest = last.brought_to_rest
-        if not self.alone:
+        if not self.one_contact:
             brought_to_rest = self._brought_to_rest(turn, last, selection, rate)
         return Impact(plastic, support, brought_to_rest, v_after, selection)
 
-    def _settle_speed(self, falls):
-        """Below it a neighbour that is kicked off falls back at once, at the accelerations `falls`."""
-        return jnp.maximum(self.rest_speed, jnp.maximum(self.cut, rate_below_rounding(falls, self.mode)))
+    def _settle_speed(self, accelerations):
+        """Below it a neighbour that is kicked off falls back at once, at these accelerations of the gaps."""
+        return jnp.maximum(self.rest_speed, jnp.maximum(self.cut, rate_below_rounding(accelerations, self.mode)))
 
     def _brought_to_rest(self, turn, last: Impact, selection: Selection, rate) -> Bool[Array, "contact"]:
         """First who rests, were all held together, if that is more than before; then those that are pulled closed too.

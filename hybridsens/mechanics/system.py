@@ -28,8 +28,8 @@ from .status import ContactStatus
 from .wrapped import Fixed, as_written, number
 
 ROUNDED = 8
-"""A contact that closes may be off by the tolerance of its gap and by the margin that it had before, and by what counts
-as no rate; a projection by no more than so many times that is not counted as an error."""
+"""A projection that moves a held contact by up to so many times what counts as closed and as no rate is no error of a
+step: a contact closes with its gap off by that tolerance, and by the margin that it had before."""
 
 
 class ImpactReport(NamedTuple):
@@ -120,8 +120,8 @@ class MechanicalSystem(AbstractFlatSystem):
         return self.scene.sustained_contact and (load_varies(self.scene, t, q, v) or supports_move(self.scene, t, q))
 
     def search(self, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
-        """The gaps of open contacts, along the cubic through the ends of the step and within what it may be off; the
-        way along held ones, and their multipliers."""
+        """What is searched: gaps of open contacts, along the cubic through the ends of the step and within what it may
+        be off; gaps of held ones, which that cubic may leave; and their multipliers."""
         q0, v0, _ = self.split(step.x0)
         q1, v1, _ = self.split(step.x1)
         path = Path.through(step.t0, step.t1, q0, v0, q1, v1)
@@ -147,6 +147,7 @@ class MechanicalSystem(AbstractFlatSystem):
         return jnp.where(mode.held, -1, self._resolved(mode))
 
     def _resolved(self, mode: ContactMode):
+        """Penetration that the tolerances can resolve, of each contact (contact,)."""
         relative, absolute = map(number, self.depth)
         return relative * mode.length + absolute
 

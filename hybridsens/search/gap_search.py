@@ -113,9 +113,8 @@ def search_gaps(gap: Gap, path: Path, step: StepEnds, tolerance, searched, wante
     widest = COARSEST if (kind == Kind.UNKNOWN).any() else 1.0
     finest = time_resolution(step.t1, 1) / path.h
     zero = jnp.zeros_like(path.t0)
-    start = Walk(
-        jnp.where(wanted, zero, 1), zero + widest, step.guard0, path.h * step.rate0, jnp.array(0), zero + jnp.inf
-    )
+    s = jnp.where(wanted, zero, 1)  # a search that is not wanted begins at the end
+    start = Walk(s, zero + widest, step.guard0, path.h * step.rate0, jnp.array(0), zero + jnp.inf)
     turn = lambda walk: walk.after(look(walk), tolerance, searched, widest, finest)
     walk = lax.while_loop(lambda walk: walk.goes_on, turn, start)
     return Searched(walk.crossing, walk.s)
@@ -162,7 +161,7 @@ def lowest(gap, rate, curve):
 
 
 def guessed_bend(g0, d0, g1, d1):
-    """Second derivatives of the cubic through the ends of a stretch, twice as far apart as they are."""
+    """Guessed bounds of a second derivative: those of the cubic through a stretch's ends, put twice as far apart."""
     rise = g1 - g0
     first, second = 6 * rise - 4 * d0 - 2 * d1, -6 * rise + 2 * d0 + 4 * d1
     middle, radius = 0.5 * (first + second), jnp.abs(first - second)

@@ -31,16 +31,17 @@ class Done(NamedTuple):
 
     result: Any
     kept: Any = None
-    """What a batch keeps too, as long as there is room: zeros stand in its place where there is none."""
+    """What is kept for the way back of an element of a batch: zeros stand in its place where there is no room."""
     residuals: Any = None
-    """What is kept of one motion alone: zeros stand in its place in a batch."""
+    """What is kept where there is no batch: zeros stand in its place in one."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Mapped:
     """`function` of PyTrees of arrays. On a CPU the elements of a batch are mapped, in batches of batches too.
 
-    Every axis of a batch is asked on its own. Zeros that stand in the place of what a batch has not kept have no axis.
+    The rule for a batch is asked for each of its axes on its own. Zeros that stand in the place of what a batch has not
+    kept have no axis.
     """
 
     function: Callable[..., Done]
@@ -61,7 +62,7 @@ class Mapped:
         with collection_put_off():
             call, shapes = jax.make_jaxpr(lambda *leaves: run(*tree.unflatten(leaves)), return_shape=True)(*leaves)
         out_tree = jax.tree.structure(shapes)
-        return out_tree.unflatten(_mapped.bind(*leaves, call=call, made=self, tree=tree, out_tree=out_tree))
+        return out_tree.unflatten(_mapped.bind(*leaves, call=call, mapped=self, tree=tree, out_tree=out_tree))
 
     def of_elements(self, batched: tuple[bool, ...], axis_size: int) -> "Mapped":
         """What is done with the elements of an axis."""
@@ -106,35 +107,35 @@ _mapped.def_abstract_eval(lambda *_, call, **__: call.out_avals)
 mlir.register_lowering(_mapped, mlir.lower_fun(_call, multiple_results=True))
 
 
-def _batch(leaves, axes, *, call, made: Mapped, tree, out_tree):
+def _batch(leaves, axes, *, call, mapped: Mapped, tree, out_tree):
     del call
     flags = [axis is not None for axis in axes]
     leaves = [leaf if axis is None else jnp.moveaxis(leaf, axis, 0) for leaf, axis in zip(leaves, axes, strict=True)]
     batched = tuple(any(jax.tree.leaves(argument)) for argument in tree.unflatten(flags))
-    only_directions = {place for place, flag in enumerate(batched) if flag} <= made.directions
+    only_directions = {place for place, flag in enumerate(batched) if flag} <= mapped.directions
     if only_directions or jax.default_backend() != "cpu":
         in_axes = tree.unflatten([0 if flag else None for flag in flags])
-        done = made.together(in_axes)(*tree.unflatten(leaves))
+        done = mapped.together(in_axes)(*tree.unflatten(leaves))
         return jax.tree.leaves(done), [0] * out_tree.num_leaves
-    done, has_axis = _map(made, batched, flags, leaves, tree)
+    done, has_axis = _map(mapped, batched, flags, leaves, tree)
     return jax.tree.leaves(done), [0 if flag else None for flag in jax.tree.leaves(has_axis)]
 
 
 batching.primitive_batchers[_mapped] = _batch
 
 
-def _map(made: Mapped, batched, flags, leaves, tree) -> tuple[Done, Done]:
+def _map(mapped: Mapped, batched, flags, leaves, tree) -> tuple[Done, Done]:
     """One element after the other; and which leaves have the axis then."""
     given = [leaf for leaf, flag in zip(leaves, flags, strict=True) if flag]
     size = given[0].shape[0]
-    element = made.of_elements(batched, size)
+    element = mapped.of_elements(batched, size)
 
     def whole(elements):
         elements = iter(elements)
         return tree.unflatten([next(elements) if flag else leaf for leaf, flag in zip(leaves, flags, strict=True)])
 
-    shapes = jax.eval_shape(made.function, *whole([leaf[0] for leaf in given]))
-    keeps = size * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes.kept)) <= made.room
+    shapes = jax.eval_shape(mapped.function, *whole([leaf[0] for leaf in given]))
+    keeps = size * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes.kept)) <= mapped.room
 
     def call(elements):
         done = element(*whole(elements))
@@ -147,12 +148,12 @@ def _map(made: Mapped, batched, flags, leaves, tree) -> tuple[Done, Done]:
     return done, Done(whether(result, True), whether(shapes.kept, keeps), whether(shapes.residuals, False))
 
 
-def _jvp(leaves, tangents, *, call, made: Mapped, tree, out_tree):
-    out = _mapped.bind(*leaves, call=call, made=made, tree=tree, out_tree=out_tree)
+def _jvp(leaves, tangents, *, call, mapped: Mapped, tree, out_tree):
+    out = _mapped.bind(*leaves, call=call, mapped=mapped, tree=tree, out_tree=out_tree)
     arguments, done = tree.unflatten(leaves), out_tree.unflatten(out)
     zero = lambda tangent: isinstance(tangent, ad.Zero) or tangent.dtype == jax.dtypes.float0
     tangents = tree.unflatten([None if zero(tangent) else tangent for tangent in tangents])
-    vary = made.vary or (lambda arguments, _, tangents: made.varied(len(arguments))(*arguments, tangents).result)
+    vary = mapped.vary or (lambda arguments, _, tangents: mapped.varied(len(arguments))(*arguments, tangents).result)
     nothing = jax.tree.map(lambda _: None, done)
     varied = out_tree.flatten_up_to(nothing._replace(result=vary(arguments, done, tangents)))
     no_tangent = lambda value: ad.Zero(jax.typeof(value).to_tangent_aval())

@@ -21,20 +21,21 @@ class _Layout(NamedTuple):
 
 
 class Packed(eqx.Module):
-    """A PyTree of arrays as few arrays: its small real leaves in one vector, its small whole ones in another."""
+    """A PyTree of arrays as few arrays: its small floating leaves in one vector, its small integer ones in another."""
 
-    real: Array
-    whole: Array
-    alone: list[Array]
-    """Leaves that are large, or neither real nor whole numbers."""
+    floating: Array
+    integer: Array
+    """Integers and truth values."""
+    separate: list[Array]
+    """Leaves that are large, or of another type."""
     layout: _Layout = eqx.field(static=True)
 
     def unpack(self) -> Any:
         """The PyTree."""
-        at, alone, leaves = {"real": 0, "whole": 0}, iter(self.alone), []
+        at, separate, leaves = {"floating": 0, "integer": 0}, iter(self.separate), []
         for shape, dtype in self.layout.shapes:
-            if (kind := _kind(shape, dtype)) == "alone":
-                leaves.append(next(alone))
+            if (kind := _kind(shape, dtype)) == "separate":
+                leaves.append(next(separate))
                 continue
             end = at[kind] + int(np.prod(shape))
             leaves.append(getattr(self, kind)[at[kind] : end].reshape(shape).astype(dtype))
@@ -46,11 +47,11 @@ def pack(tree: Any) -> Packed:
     """A PyTree of arrays as few arrays."""
     leaves, structure = jax.tree.flatten(tree)
     leaves = [jnp.asarray(leaf) for leaf in leaves]
-    parts: dict[str, list] = {"real": [], "whole": [], "alone": []}
+    parts: dict[str, list] = {"floating": [], "integer": [], "separate": []}
     for leaf in leaves:
         parts[_kind(leaf.shape, leaf.dtype)].append(leaf)
     layout = _Layout(structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
-    return Packed(_joined(parts["real"], float), _joined(parts["whole"], int), parts["alone"], layout)
+    return Packed(_joined(parts["floating"], float), _joined(parts["integer"], int), parts["separate"], layout)
 
 
 def _joined(leaves, kind):
@@ -62,7 +63,7 @@ def _joined(leaves, kind):
 def _kind(shape, dtype) -> str:
     if int(np.prod(shape)) <= _LARGE:
         if dtype in (jnp.float32, jnp.float64):
-            return "real"
+            return "floating"
         if dtype in (jnp.int32, jnp.int64, jnp.bool_):
-            return "whole"
-    return "alone"
+            return "integer"
+    return "separate"

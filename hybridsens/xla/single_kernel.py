@@ -24,38 +24,41 @@ so long does not mind a few kernels more."""
 def in_one_kernel(function: Callable[..., Any]) -> Callable[..., Packed]:
     """`function` of PyTrees of arrays, with its result packed.
 
-    The arguments begin as what the loop carries and the results end as it: of two vectors, one real, one whole.
+    The loop begins with the arguments in what it carries and ends with the result there: two vectors, of floating
+    numbers and of integers, each long enough for both, and the `separate` leaves of the result. Those of the arguments
+    are read from outside.
     """
-    # Its trace is kept: one for the shapes, and for the loop.
+    # One trace serves the shapes and the loop.
     function = jax.jit(rewritten(function), inline=True)
 
     def looped(*arguments):
         given, result = pack(arguments), jax.eval_shape(lambda *given: pack(function(*given)), *arguments)
-        if sum(leaf.size * leaf.dtype.itemsize for leaf in given.alone + result.alone) > _LONG:
+        if sum(leaf.size * leaf.dtype.itemsize for leaf in given.separate + result.separate) > _LONG:
             return pack(function(*arguments))
-        reals, wholes = max(given.real.size, result.real.size), max(given.whole.size, result.whole.size)
+        floating_size = max(given.floating.size, result.floating.size)
+        integer_size = max(given.integer.size, result.integer.size)
         fit = lambda part, size: jnp.pad(part, (0, size - part.size))
-        counted = lambda turn, whole: jnp.concatenate([turn[None], fit(whole, wholes)])
+        counted = lambda turn, integer: jnp.concatenate([turn[None], fit(integer, integer_size)])
 
         def body(carry):
-            real, whole, _ = carry
+            floating, integer, _ = carry
             # Tied to what changes, they are no constants of the loop, out of which XLA would move their arithmetic.
-            whole, alone = lax.optimization_barrier((whole, given.alone))
-            done = pack(function(*Packed(real, whole[1:], alone, given.layout).unpack()))
-            return fit(done.real, reals), counted(whole[0] + 1, done.whole), done.alone
+            integer, separate = lax.optimization_barrier((integer, given.separate))
+            done = pack(function(*Packed(floating, integer[1:], separate, given.layout).unpack()))
+            return fit(done.floating, floating_size), counted(integer[0] + 1, done.integer), done.separate
 
-        zero = _zero(given.real)
-        blank = [jnp.broadcast_to(zero.astype(leaf.dtype), leaf.shape) for leaf in result.alone]
-        start = fit(given.real, reals), counted(zero.astype(given.whole.dtype), given.whole), blank
-        real, whole, alone = lax.while_loop(lambda carry: carry[1][0] < 1, body, start)
-        return Packed(real[: result.real.size], whole[1 : 1 + result.whole.size], alone, result.layout)
+        zero = _zero(given.floating)
+        blank = [jnp.broadcast_to(zero.astype(leaf.dtype), leaf.shape) for leaf in result.separate]
+        start = fit(given.floating, floating_size), counted(zero.astype(given.integer.dtype), given.integer), blank
+        floating, integer, separate = lax.while_loop(lambda carry: carry[1][0] < 1, body, start)
+        return Packed(floating[: result.floating.size], integer[1 : 1 + result.integer.size], separate, result.layout)
 
     return looped
 
 
-def _zero(real):
+def _zero(floating):
     """A zero that XLA cannot foresee, and that waits for the arguments.
 
     Were it a constant, XLA would count the loop's turn and remove the loop; and the fewer kernels are ready at once,
     the less reason there is to wake a thread."""
-    return jnp.signbit(jnp.abs(jnp.sum(lax.optimization_barrier(real)[:1])))
+    return jnp.signbit(jnp.abs(jnp.sum(lax.optimization_barrier(floating)[:1])))
