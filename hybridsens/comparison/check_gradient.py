@@ -160,7 +160,7 @@ def _verdict(entry: ParameterCheck, limit: float, rounding: float) -> str:
     if abs(entry.adjoint - entry.reference) > limit:  # False where there is none
         return "the reference disagrees"
     if np.isnan(entry.differences):
-        return "not decided: the sequence of events changes within the smallest difference"
+        return "not decided: the sequence of events changes within the smallest differences"
     distance = abs(entry.adjoint - entry.differences)
     if distance <= limit + rounding:
         return ""

@@ -94,8 +94,8 @@ def finite_differences(
     return slopes, one_sided
 
 
-WIDTHS = (4e-3, 1e-3, 2.5e-4, 6e-5)
-"""Relative widths: the first are limited by curvature, the last by noise."""
+WIDTHS = (4e-3, 1e-3, 2.5e-4, 6e-5, 1.5e-5)
+"""Relative widths: the first are limited by curvature, or by another event nearby; the last by noise."""
 
 
 class FiniteDifferences(NamedTuple):

@@ -101,3 +101,34 @@ def test_only_supports_that_turn_with_time_are_looked_at():
     assert not supports_move(Hilly(jnp.array(1.0)), t, still)
     assert not supports_move(Bumped(0.03), t, jnp.zeros(1))
     assert not load_varies(Hilly(jnp.array(1.0)), t, still, still)
+
+
+class RaisedArm(hs.AbstractScene):
+    """A ball of radius 0.02 on an arm of length 0.16 that turns up about its left end: q'' = -2 in height."""
+
+    at: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(2)
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, -2.0])
+
+    def gap(self, t, q):
+        angle = -0.5 + 0.6 * (1 + jnp.tanh((t - self.at) / 0.03))
+        tip = 0.16 * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        return hs.planar.to_segment(q, jnp.zeros(2), tip, 0.0235)[None]
+
+    def restitution(self):
+        return jnp.array([0.32])
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::hybridsens.DiscontinuityWarning")
+def test_a_body_slides_off_the_rounded_end_of_a_moving_segment():
+    """Bounds of its load are wide on any step there: steps were cut short again and again, and none got past."""
+    start = hs.State([0.03, 0.08], [0.0, 0.0])
+    motion = hs.simulate(RaisedArm(jnp.array(0.6)), start, t1=0.7, max_events=64, max_steps=1024, throw=False)
+    assert motion.status == hs.Status.successful, hs.Status[motion.status]
+    kinds = np.asarray(motion.events.kind)[: int(motion.events.count)]
+    assert kinds[-1] == hs.EventKind.RELEASE

@@ -75,6 +75,11 @@ class SystemMotion(eqx.Module):
     cost: Any
     """Integral of the running cost by the rectangle rule; None without one."""
 
+    @property
+    def events(self):
+        """Raises: NotImplementedError."""
+        raise NotImplementedError("Fixed steps keep no record of events.")
+
 
 def where_transition(
     system: AbstractHybridSystem, x0, mode=None, *, t0=0.0, t1, ts=None, running_cost=None, steps: int = 10_000
