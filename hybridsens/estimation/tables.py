@@ -35,7 +35,8 @@ def read_measurements(
       one dimension, a mapping of names to columns, a pair (times, values), or Measurements, returned as they are.
     - `time`: name of the time column, or of the index of a DataFrame; default "t", "time", "t [s]" or "time [s]".
     - `columns`: which columns are observed; default all but the time and those named `sigma_...`.
-    - `sigma`: standard deviations; default the columns `sigma_<name>` if there is one for each observed column.
+    - `sigma`: standard deviations; default the columns `sigma_<name>`, where a unit may be left off, if there is one
+      for each observed column.
     - `missing`: "raise" on a NaN (an empty cell), or "skip" those entries.
     - `events`: `event_times`, `event_sigma`, `event_contacts` as in `measurements`.
 
@@ -88,7 +89,8 @@ def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str
         )
     if columns:
         return list(columns)
-    alone = [name for name in table if name.startswith(_SIGMA) and name.removeprefix(_SIGMA) not in table]
+    owned = {_sigma_of(name, table) for name in table}
+    alone = [name for name in table if name.startswith(_SIGMA) and name not in owned]
     if alone:
         raise ValueError(
             f"The table must have a column <name> for each sigma_<name>, but has none for {alone}: rename or remove "
@@ -97,15 +99,20 @@ def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str
     return [name for name in table if name != time and not name.startswith(_SIGMA)]
 
 
+def _sigma_of(name: str, table: Mapping[str, Any]) -> str | None:
+    """The column with the sigmas of another one, whose unit may be left off; None if there is none."""
+    return next((sigma for sigma in (_SIGMA + name, _SIGMA + split_unit(name)[0]) if sigma in table), None)
+
+
 def _sigma_columns(table: Mapping[str, Any], names: Sequence[str]) -> np.ndarray | None:
-    given = [name for name in names if _SIGMA + name in table]
-    if not given:
+    sigmas = {name: sigma for name in names if (sigma := _sigma_of(name, table)) is not None}
+    if not sigmas:
         return None
-    if len(given) != len(names):
+    if len(sigmas) != len(names):
         raise ValueError(
-            f"Sigmas must be given for all observed columns {list(names)} or for none, but only for {given}."
+            f"Sigmas must be given for all observed columns {list(names)} or for none, but only for {list(sigmas)}."
         )
-    return np.stack([_numbers(table, _SIGMA + name) for name in names], axis=1)
+    return np.stack([_numbers(table, sigmas[name]) for name in names], axis=1)
 
 
 def _numbers(table: Mapping[str, Any], name: str) -> np.ndarray:

@@ -218,3 +218,11 @@ def test_a_column_that_holds_no_numbers_is_named(cell):
     table = pandas.DataFrame({"time": [1.0, 2.0], "conc": column})
     with pytest.raises(ValueError, match="Column 'conc' must hold numbers, and NaN .* `read_measurements"):
         read_measurements(table, missing="skip")
+
+
+@pytest.mark.parametrize("sigma", ["sigma_x [mm]", "sigma_x"])
+def test_the_unit_of_a_sigma_may_be_left_off(sigma):
+    """Everywhere else "x" stands for "x [mm]" too."""
+    found = read_measurements({"t": TIMES, "x [mm]": [1.0, 2.0, 3.0], sigma: [0.1, 0.2, 0.3]})
+    assert found.names == ("x [mm]",)
+    np.testing.assert_array_equal(found.sigmas[:, 0], [0.1, 0.2, 0.3])
