@@ -11,6 +11,8 @@ from .options import Json, print_json
 def check(
     scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)] = "elastic-stop",
     tolerance: Annotated[float, typer.Option(help="How far differences may be off, relative to the entry.")] = 1e-5,
+    max_events: Annotated[int, typer.Option(help="Room for events.")] = 256,
+    max_steps: Annotated[int, typer.Option(help="Room for steps.")] = 16384,
     json: Json = False,
 ) -> None:
     """Check the gradient of a scene's functional by three methods and event by event; exit status 1 where in doubt.
@@ -19,7 +21,7 @@ def check(
     """
     from ..comparison.check_gradient import check_gradient  # not needed by the other commands
 
-    result = check_gradient(runnable(scene), tolerance=tolerance)
+    result = check_gradient(runnable(scene), tolerance=tolerance, max_events=max_events, max_steps=max_steps)
     if json:
         print_json({"scene": scene, "ok": result.ok, **result._asdict()})
     else:

@@ -96,7 +96,7 @@ def test_a_class_of_ones_own_is_described_once_in_columns(tmp_path, monkeypatch,
 @pytest.mark.slow
 def test_check_prints_json_and_its_status(capsys):
     """The gradient of a ball is right: status 0."""
-    assert run(["check", "bouncing-ball", "--json"]) == 0
+    assert run(["check", "bouncing-ball", "--json", "--max-events", "16", "--max-steps", "4096"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["ok"] and {entry["verdict"] for entry in found["parameters"]} == {""}
 
