@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-_LARGE = 250
+_LARGE = 1000
 """Entries from which on an array stands alone: XLA looks for the origin of each entry of a vector that is put together,
 which takes longer than a kernel."""
 

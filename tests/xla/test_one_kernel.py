@@ -53,7 +53,7 @@ def test_packing_loses_nothing():
 @pytest.mark.parametrize("dtype", [bool, float])
 def test_what_has_many_entries_stands_alone(dtype):
     """Truth values were counted as the bytes that they are, and packed as eight times as many."""
-    assert [leaf.shape for leaf in pack([jnp.zeros((17, 100), dtype), jnp.zeros(2, dtype)]).alone] == [(17, 100)]
+    assert [leaf.shape for leaf in pack([jnp.zeros((17, 100), dtype), jnp.zeros(2, dtype)]).separate] == [(17, 100)]
 
 
 @pytest.mark.parametrize("size", [1, 50])
