@@ -129,6 +129,7 @@ class Brick(hs.AbstractScene):
         return jnp.zeros(1)
 
 
+@pytest.mark.slow
 def test_what_ends_at_rest_is_not_in_doubt():
     """The state after the capture is 0 but for the rounding of the fall, and so are its slopes by the fall's start."""
     drop = hs.State([1.0], [0.0])
