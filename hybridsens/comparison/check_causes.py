@@ -26,7 +26,7 @@ class ParameterCheck(NamedTuple):
     adjoint: float
     forward: float
     differences: float
-    """With the sequence of events kept; nan where it changes within the smallest difference tried."""
+    """With the sequence of events kept; nan where it changes within the smallest differences tried."""
     uncertainty: float
     """How far the differences of two widths are apart."""
     reference: float

@@ -3,10 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from hybridsens.comparison.baselines import where_reset
+from hybridsens.comparison.baselines import where_reset, where_transition
 from hybridsens.comparison.differentiate import finite_differences
 from hybridsens.scenes import BouncingBall
+from tests.problems.hybrid_systems import Decay
 
 T1 = 1.0
 
@@ -53,3 +55,10 @@ def test_differences_do_not_hide_a_function_without_values():
     """Where no side has values, the result is nan and not a number that looks right."""
     slopes, _ = finite_differences(lambda theta: np.nan, np.ones(1))
     assert np.isnan(slopes).all()
+
+
+def test_fixed_steps_of_a_system_say_that_they_keep_no_events():
+    """So the row of a comparison has a sentence in it, and no name of a class."""
+    motion = where_transition(Decay(), jnp.array(1.0), t1=1.0, steps=4)
+    with pytest.raises(NotImplementedError, match="no record of events"):
+        _ = motion.events

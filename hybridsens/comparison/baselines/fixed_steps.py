@@ -78,7 +78,7 @@ class SystemMotion(eqx.Module):
     @property
     def events(self):
         """Raises: NotImplementedError."""
-        raise NotImplementedError("Fixed steps keep no record of events.")
+        raise NotImplementedError("the fixed-step loop keeps no record of events")
 
 
 def where_transition(
