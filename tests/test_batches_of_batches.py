@@ -42,6 +42,7 @@ def alone():
     return jnp.stack([jacobian(p) for p in LANES])
 
 
+@pytest.mark.slow
 def test_a_batch_of_jacobians(alone):
     """By rows: parameters and entries of the result are two axes."""
     assert_close(jax.jit(jax.vmap(jax.jacrev(end)))(LANES), alone, 1e-12)
@@ -77,6 +78,7 @@ def hessians():
     return jnp.stack([compiled(p) for p in LANES])
 
 
+@pytest.mark.slow
 def test_gradients_varied_by_what_only_the_cost_depends_on(alone):
     """Weights: the motions themselves do not vary. d(J^T w)/dw = J^T."""
     outside = jax.jacfwd(jax.vmap(gradients, (0, None)), 1)(LANES, WEIGHTS[1])
@@ -108,6 +110,7 @@ def test_second_derivatives_of_a_batch(hessians):
     assert_close(looped(jnp.ones(3)), shared, 1e-10)
 
 
+@pytest.mark.slow
 def test_forward_mode_in_batches(alone, hessians):
     """Jacobians of a batch; forward over forward through a batch, whose steps are others than those of the Hessians."""
     assert_close(jax.vmap(jax.jacfwd(forward))(LANES), alone, 1e-10)
@@ -134,10 +137,8 @@ def test_where_all_lanes_run_at_once(alone, monkeypatch):
     jax.clear_caches()
 
 
-SLOWLY = [pytest.param(few, marks=pytest.mark.slow) for few in ("events", "bytes")]
-
-
-@pytest.mark.parametrize("few", ["steps", *SLOWLY])
+@pytest.mark.slow
+@pytest.mark.parametrize("few", ["steps", "events", "bytes"])
 def test_what_is_not_kept_is_run_again(alone, monkeypatch, few):
     """Records too long for some lanes, or for all, and for the room of a batch: the gradients stay the same."""
     jax.clear_caches()

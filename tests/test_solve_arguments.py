@@ -29,6 +29,7 @@ def test_second_derivatives():
     assert_close(jax.hessian(height)(POINTS[0]), jax.hessian(exact_height)(POINTS[0]), 1e-6)
 
 
+@pytest.mark.slow
 def test_transformations():
     """jit, vmap, and states between events."""
     assert_close(jax.jit(jax.vmap(jax.grad(height)))(POINTS), jax.vmap(jax.grad(exact_height))(POINTS), 1e-7)

@@ -167,6 +167,7 @@ def test_a_mass_matrix_that_is_almost_singular_on_the_way(miss):
     assert_close(motion.final.q, np.array([r, np.arctan2(miss, 1)]), 1e-7)
 
 
+@pytest.mark.slow
 def test_data_times_may_repeat_and_stand_on_an_impact():
     """Each is the state there, after the event or within rounding before it, and its derivative is the velocity."""
     fall = np.sqrt(0.2)

@@ -51,11 +51,13 @@ def jacobian():
     return jax.jacrev(observed)(P, hs.Replay())
 
 
+@pytest.mark.slow
 def test_both_modes_are_those_of_the_methods_of_one(jacobian):
     np.testing.assert_array_equal(jax.jacrev(observed)(P), jacobian)
     np.testing.assert_array_equal(jax.jacfwd(observed)(P), jax.jacfwd(observed)(P, hs.ForwardSensitivities()))
 
 
+@pytest.mark.slow
 def test_a_linear_map_and_its_transpose(jacobian):
     """J v and J^T w of one `jax.linearize`, as Gauss-Newton steps by products take them."""
     along = jax.linearize(observed, P)[1]

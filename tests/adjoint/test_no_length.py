@@ -36,6 +36,7 @@ class Leaks(hs.AbstractHybridSystem):
         return x.at[event].set(0.0), mode
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_neurons_that_fire_at_one_instant_have_second_derivatives_of_their_own(way):
     """x(T) = I (1 - exp(-(T - t_1))) with t_1 = log(I / (I - 1))."""
@@ -126,6 +127,7 @@ class Steady(Leaks):
         return x.at[event].set(self.current[event] ** 2), mode
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_a_flow_that_depends_on_nothing_has_derivatives_of_its_events_alone(way):
     """x(T) = T - 1 + I^2."""

@@ -150,6 +150,7 @@ def test_determinant_where_the_mass_matrix_depends_on_the_configuration():
     assert_close(log_determinant("double-pendulum-wall"), 2 * int(trajectory.events.count) * np.log(0.7) + ratio, 1e-8)
 
 
+@pytest.mark.slow
 def test_a_falling_ball_meets_the_shaking_table_by_its_gap_alone():
     """h - g t^2 / 2 = A sin(omega t) at the impact, so dt/dA = -sin(omega t) / (g t + A omega cos(omega t))."""
     height, weight, omega = 0.1, 9.81, 31.41592653589793

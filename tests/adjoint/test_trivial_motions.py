@@ -47,6 +47,7 @@ class Spring(hs.AbstractScene):
         return jnp.ones(1)
 
 
+@pytest.mark.slow
 def test_a_time_sampled_twice_inside_a_cut_step():
     """At rest the recorded steps are cut, here between two samples at one time: dq(t)/dv0 = sin t for each."""
     ts = jnp.array([3.0, 3.0, 7.3])

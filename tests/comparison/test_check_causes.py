@@ -86,6 +86,7 @@ def test_a_right_gradient_has_no_causes():
     assert all(entry.reference == pytest.approx(entry.adjoint, rel=1e-8, abs=1e-9) for entry in check.parameters)
 
 
+@pytest.mark.slow
 def test_steps_that_do_not_resolve_the_derivative_are_told():
     """At rest steps are as long as they may be, and the derivative by the force is integrated over them."""
 

@@ -29,6 +29,7 @@ class Ball(BouncingBall):
     contacts = ("ground",)
 
 
+@pytest.mark.slow
 def test_a_right_gradient_passes_and_each_impact_has_determinant_e_squared():
     """Three impacts of a ball without friction: each piece of its motion contracts the phase space by e^2."""
     check = check_gradient(Ball(restitution_coefficient=0.8), max_events=8, max_steps=1024)

@@ -104,6 +104,7 @@ def test_the_neuron_has_the_closed_form_gradient(capsys):
     np.testing.assert_allclose(float(capsys.readouterr().out), jax.grad(third)(0.3), rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_systems_of_the_docs_print_their_closed_forms(monkeypatch, capsys):
     """A thermostat switches on at log(10 / (low - 10)) / 0.3, low = 18; of a dose exp(-0.2 (24 - t)) is left; of
     an echo exp(-(1 - log 2 - delay)); a cart goes to `far` and on to the wall under constant forces."""

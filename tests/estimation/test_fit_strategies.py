@@ -52,6 +52,7 @@ def test_a_horizon_reaches_to_where_the_motion_leaves_the_record():
     assert reach(gone) == times[11] and reach(gone, before=0.8) == pytest.approx(0.8 * 1.1)
 
 
+@pytest.mark.slow
 def test_a_stage_compares_and_counts_only_what_comes_before_its_end():
     """Assert that a stage which begins runs one motion to the end of the record, chooses sample 11 where they part,
     and leaves out residuals, impacts and measured impacts after it (the second impact is at 0.90 s, its end at 0.6)."""

@@ -74,10 +74,8 @@ def test_switching_times_of_bang_bang_control():
     np.testing.assert_allclose(by_heights, np.stack([truth[1]] * 2), rtol=1e-8)
 
 
-SLOWLY = [pytest.param(method, marks=pytest.mark.slow) for method in ("recompute", "Hessian")]
-
-
-@pytest.mark.parametrize("method", ["forward", *SLOWLY])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["forward", "recompute", "Hessian"])
 def test_other_ways_to_differentiate_agree(method):
     """Forward mode, recomputed segments, and forward over reverse."""
     truth = jax.grad(closed_form)(TAU)
@@ -109,6 +107,7 @@ def test_a_time_at_the_start_is_a_corner():
     assert any(by_tau[0, 0] == pytest.approx(slope, abs=1e-8) for slope in (0, 2 * HORIZON))
 
 
+@pytest.mark.slow
 def test_samples_at_the_very_times():
     """A sample that moves with a switching time: its own rate, and what the switch does."""
     both = lambda tau: switched(tau, ts=tau).q[:, 0].sum()
@@ -136,6 +135,7 @@ def test_three_hundred_times():
     np.testing.assert_allclose(by_heights, truth[1], atol=1e-8 * float(jnp.max(jnp.abs(truth[1]))))
 
 
+@pytest.mark.slow
 def test_a_running_cost_that_jumps():
     """d/dtau of the integral of q up to tau is q(tau)."""
     until = lambda scene, t, q, v: jnp.where(t < scene.tau[1], q[0], 0)
@@ -203,6 +203,7 @@ class Undeclared(Switched):
         return None
 
 
+@pytest.mark.slow
 def test_an_undeclared_time_warns_and_a_declared_one_does_not():
     """And `jump_ts` declares it as a method of the scene does, to the last bit."""
     scene = Undeclared(TAU, HEIGHTS, jnp.ones(()))

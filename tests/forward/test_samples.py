@@ -90,7 +90,7 @@ def test_a_sample_at_an_event_is_the_state_after_it():
     assert_close(samples[2:4], samples[jnp.array([3, 2])], 1e-15)
 
 
-@pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()])
+@pytest.mark.parametrize("adjoint", [hs.Replay(), pytest.param(hs.ForwardSensitivities(), marks=pytest.mark.slow)])
 def test_a_sample_at_the_end_is_the_state_after_the_impact_there(adjoint):
     """Without a force from 1 at speed -1, v(1) = -e v_0; no step is taken after the impact."""
 

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from jax.extend.core import ClosedJaxpr
 
 from hybridsens.interval.repeats import without_repeats
@@ -37,6 +38,7 @@ def test_the_same_numbers_by_fewer_equations():
     assert jax.tree.all(jax.tree.map(np.array_equal, short(*others), repeated(*others)))
 
 
+@pytest.mark.slow
 def test_derivatives_are_the_same():
     weights = {"w": jnp.array(0.7)}
     short = without_repeats(repeated, weights, POINT)

@@ -71,7 +71,7 @@ def expected():
     return jax.jit(jax.grad(lambda p: from_leaves(p, hs.Replay())))(P)
 
 
-@pytest.mark.parametrize("way", ["reverse", "forward"])
+@pytest.mark.parametrize("way", ["reverse", pytest.param("forward", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("function", [from_closures, from_a_closed_over_cost])
 def test_closed_over_values_are_differentiated(function, way, expected):
     """Mass matrix, force, gap, restitution and running cost made from a traced value, in reverse and forward mode."""

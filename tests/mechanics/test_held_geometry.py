@@ -55,6 +55,7 @@ class Bumped(hs.AbstractScene):
         return jnp.array([0.5])
 
 
+@pytest.mark.slow
 def test_a_table_that_bumps_for_a_moment_throws_what_rests_on_it():
     throw = lambda **given: hs.simulate(Bumped(0.03), hs.State([0.0], [0.0]), t1=3.6, **given).events
     found, fine = throw(), throw(max_step=0.01)
@@ -81,6 +82,7 @@ class Plank(hs.AbstractScene):
         return jnp.zeros(2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aside", [0.4, 0.8])
 def test_supports_that_move_aside_let_a_plank_go(aside):
     """By the balance of moments the multipliers are 1/2 + p and 1/2 - p, and the load is the same all the time."""

@@ -35,9 +35,8 @@ def _value_and_gradient(scene):
     return eqx.filter_value_and_grad(end, has_aux=True)(scene)
 
 
-@pytest.mark.parametrize(
-    ("by_hand", "energies"), [pytest.param(*PAIRS[0], marks=pytest.mark.slow), PAIRS[1]], ids=lambda s: s.__name__
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("by_hand", "energies"), PAIRS, ids=lambda scene: scene.__name__)
 def test_motion_and_gradient_are_those_of_the_scene_written_by_hand(by_hand, energies):
     """Impacts of a double pendulum and of a damped one, and the gradient by all parameters, to 1e-12."""
     scene = by_hand()

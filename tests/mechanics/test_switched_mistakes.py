@@ -104,6 +104,7 @@ def test_a_scene_is_put_into_a_mode_within_all_that_is_around_it():
         assert float(cost(Cart(*NUMBERS), 0.0, START.q, START.v)) == (2.0 if mode else 0.0)
 
 
+@pytest.mark.slow
 def test_a_motion_with_switches_is_told_of_and_saved(tmp_path):
     """Its text and its table name switches and modes, and a file gives all of it back."""
     named = cart_with(contacts=("left", "right"))

@@ -110,6 +110,7 @@ def test_a_switch_just_before_an_impact_is_resolved(apart):
     assert_true(Cart, cart_rates, 2, vector, True)
 
 
+@pytest.mark.slow
 def test_an_impact_that_throws_a_switch_does_both_at_one_instant():
     """The switch comes at the impact's time, and moves with it."""
     events, *_ = truth(shuttle_rates, 2, CART, True)
@@ -133,6 +134,7 @@ def hopped():
     return eqx.filter_jit(lambda scene, t1: jax.grad(value, argnums=(0, 1), has_aux=True)(scene, t1))
 
 
+@pytest.mark.slow
 def test_a_kick_against_a_held_contact_is_an_impact_at_once():
     """A ball on the floor, kicked down at time T with speed w, leaves it with e w: all derivatives are known."""
     scene = Hopper(*map(jnp.asarray, (9.81, 30.0, 2.0, 0.6)), jnp.array([0.2, 1.0, 1.1]))

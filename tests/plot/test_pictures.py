@@ -39,6 +39,7 @@ def resting():
     return hs.simulate(ball, ball.initial_state(), t1=1.0, ts=jnp.linspace(0, 1, 21))
 
 
+@pytest.mark.slow
 def test_the_costate_of_a_bounce_has_its_closed_form(motion):
     """J = q(1): after the impact (1, 1 - t). Before it, a shift dq of the fall ends in -e dq with the velocity changed
     by (1 + e) g dq / w, and a dv in -e dv, carried on from there; w is the speed at which the ball strikes."""
