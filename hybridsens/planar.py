@@ -65,8 +65,8 @@ def to_segment(points, start, end, radius) -> Float[Array, "*points"]:
     """Gap to the straight line between two points: the distance to its nearest point, less the radius.
 
     The radius must be positive: it rounds the ends off. The curvature of the gap still jumps where the nearest point
-    comes to an end. That costs a contact that slides over it some accuracy, and a `DiscontinuityWarning` says so; set
-    `known_discontinuities = True` in the scene where it does no harm."""
+    comes to an end. A fast body that slides over that place is let go right there, and the status is `guard_jumps`:
+    its derivatives need that place as a switch, (x - end) . (start - end), of an `AbstractSwitchedScene`."""
     _must_be_round(radius, "to_segment")
     return _distance_to_segment(*map(jnp.asarray, (points, start, end))) - radius
 
@@ -105,9 +105,13 @@ def _length(vectors):
 
 
 def _distance_to_segment(points, start, end):
-    along, offset = end - start, points - start
-    part = jnp.clip((offset @ along) / (along @ along), 0, 1)
-    return _length(offset - part[..., None] * along)
+    """By squares of what lies beyond either end: these have a derivative also where the nearest point comes to an end,
+    and its own place has none there."""
+    length = _length(end - start)
+    along, offset = (end - start) / length, points - start
+    ahead, aside = offset @ along, offset @ jnp.stack([-along[1], along[0]])
+    before, beyond = jnp.maximum(-ahead, 0), jnp.maximum(ahead - length, 0)
+    return jnp.sqrt(aside**2 + before**2 + beyond**2)
 
 
 def _must_be_round(radius, name: str) -> None:

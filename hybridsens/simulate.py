@@ -194,6 +194,7 @@ def _simulate(
 
 def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) -> Trajectory:
     final, samples, states = reported.observed
+    status = reported.status.without_known_jumps(system.scene.known_discontinuities)
     happened = jnp.arange(states.time.shape[0]) < reported.count
     who, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
     if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves
@@ -207,7 +208,7 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) 
     events = Events(states.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes)
     sampled = (None, None) if samples is None else system.split(samples)[:2]
     return Trajectory(
-        ts, *sampled, State(q, v), cost.restore(z), events, closed, reported.status,
+        ts, *sampled, State(q, v), cost.restore(z), events, closed, status,
         Steps(reported.accepted, reported.rejected), mode,
     )  # fmt: skip
 

@@ -178,5 +178,6 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
     total = None if flat.running_cost is None else cost.restore(z)
-    status = flat.status_at_end(t1, final, reported.mode, reported.status)
+    status = reported.status.without_known_jumps(flat.system.known_discontinuities)
+    status = flat.status_at_end(t1, final, reported.mode, status)
     return Solution(ts, samples, x, total, events, reported.mode.given, status, steps, None)

@@ -57,6 +57,12 @@ class Status(eqx.Module):
         "which. Values are right to the order of its speed; derivatives are not (at grazing they do not exist). "
         "Tighten `rtol` and `atol`, leave this parameter value out, or accept it with `throw=False`."
     )
+    guard_jumps = outcome(
+        "the motion reached its end, but an event came where its guard jumps below zero (the load of a held contact "
+        "may, where a gap is curved of a sudden). Values are right; derivatives are not, since nothing tells how that "
+        "place moves. Declare a time by `jump_ts`; for a place write an event that falls there (in a scene a switch of "
+        "an `AbstractSwitchedScene`). Where no derivative is wanted, set `known_discontinuities = True`."
+    )
     event_repeats = outcome(
         "an event happened again at the instant at which it had just happened, and would for ever. Where switches "
         "chatter, set their thresholds apart, or give the system a mode that slides."
@@ -106,8 +112,12 @@ class Status(eqx.Module):
 
     @property
     def reached_end(self) -> Bool[Array, "*batch"]:
-        """Whether the motion is whole; one that grazed a guard is."""
-        return (self == Status.successful) | (self == Status.grazing)
+        """Whether the motion is whole; one whose derivatives are not to be trusted is."""
+        return (self == Status.successful) | (self == Status.grazing) | (self == Status.guard_jumps)
+
+    def without_known_jumps(self, known: bool) -> "Status":
+        """The status, where jumps of guards may be `known` to do no harm."""
+        return Status.where(self == Status.guard_jumps, Status.successful, self) if known else self
 
     def __class_getitem__(cls, status: "Status") -> str:
         if not isinstance(status, Status):

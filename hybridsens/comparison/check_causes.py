@@ -112,6 +112,9 @@ def _of_motion(doubts: Doubts, number: int, call: Call, settings) -> list[Cause]
 
 
 def _discontinuity(doubts: Doubts, call: Call) -> Cause | None:
+    if call.status == Status.guard_jumps:
+        reason = "an event comes where its guard jumps below zero, and nothing tells how that place moves"
+        return doubts.cause("discontinuity", reason, "write an event that falls at that place", doubts.events)
     if not call.breaks:
         return None
     names = {b.function: [] for b in call.breaks}

@@ -48,6 +48,8 @@ class LocatorState(eqx.Module):
     """The guard that the last step ended on; it means nothing where the step ended on none."""
     grazing: Bool[Array, ""]
     """Whether a guard was missed by less than can be told from an event."""
+    jumped: Bool[Array, ""]
+    """Whether the guard that the last step ended on has jumped below zero, without falling."""
     finite: Bool[Array, ""]
     """Whether the last candidate was finite."""
 
@@ -95,7 +97,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
         rate = jnp.where(start.leaving, jnp.maximum(start.rate, 0), start.rate)
         state = LocatorState(
             inner, self.record, jnp.where(start.leaving, 0, jnp.maximum(start.guard, 0)), rate, start.noise,
-            jnp.array(0), first_step, self.rejected, jnp.array(-1), jnp.array(False), jnp.array(True),
+            jnp.array(0), first_step, self.rejected, jnp.array(-1), *2 * [jnp.array(False)], jnp.array(True),
         )  # fmt: skip
         return t1, state
 
@@ -143,6 +145,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
             rejected=state.rejected + ~keep,
             landed_on=inside.landed_on,
             grazing=state.grazing | (accurate & inside.grazes),
+            jumped=inside.jumps,
             finite=jnp.all(jnp.isfinite(y1_candidate)) & inside.known,
         )
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, keep, landed, new)

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.tolerances import closeness, rounding, time_resolution
+from ..numerics.tolerances import MOST_RELAXED, closeness, rounding, time_resolution
 
 
 class GuardsAtStart(eqx.Module):
@@ -18,6 +18,8 @@ class GuardsAtStart(eqx.Module):
     """Guards that the segment starts on."""
     triggered: Bool[Array, "guard"]
     """Guards that are at or below zero and falling at the very start."""
+    jumped: Bool[Array, "guard"]
+    """Guards that are farther below than their fall explains: an event, or a jump, put them there."""
 
 
 def guards_at_start(system, t, x, mode) -> GuardsAtStart:
@@ -30,7 +32,8 @@ def guards_at_start(system, t, x, mode) -> GuardsAtStart:
     triggered = (rate < -rate_noise) & (guard <= rounding(x.dtype) * size - time_resolution(t, 0) * rate)
     leaving = (guard <= noise) & ~triggered & (rate >= -rate_noise)
     lifting = leaving & (rate <= rate_noise)  # without a rate, only its acceleration carries it off
-    return GuardsAtStart(guard, rate, jnp.where(lifting, noise, 0), leaving, triggered)
+    jumped = guard < -noise - time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
+    return GuardsAtStart(guard, rate, jnp.where(lifting, noise, 0), leaving, triggered, jumped)
 
 
 def scales_at(system, t, x, mode, guard) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:
@@ -42,7 +45,7 @@ def scales_at(system, t, x, mode, guard) -> tuple[Float[Array, "guard"], Float[A
 def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> tuple[Int[Array, ""], Float[Array, ""]]:
     """Which of the candidate guards passed zero first, and how long ago; -1 and -inf where there are no guards.
 
-    guard / rate is the time since then; a guard that jumped without falling is compared by its value."""
+    guard / rate is the time since then; one that jumped below zero has a rate of -inf, and comes last."""
     if guard.shape[0] == 0:
         return jnp.array(-1), jnp.array(-jnp.inf, guard.dtype)
     since = jnp.where(candidates, guard / jnp.where(rate < 0, rate, 1), -jnp.inf)

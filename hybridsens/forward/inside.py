@@ -55,6 +55,8 @@ class Inside(NamedTuple):
     """Whether a guard misses zero by less than can be told from an event."""
     known: Bool[Array, ""]
     """Whether its guards and their rates are numbers."""
+    jumps: Bool[Array, ""]
+    """Whether a guard that it ends on has jumped below zero, without falling."""
 
 
 def is_divisible(t0, h) -> Bool[Array, ""]:
@@ -72,7 +74,7 @@ def look_inside(step: StepEnds, resolution: Resolution) -> Inside:
 
 def _nothing(step: StepEnds) -> Inside:
     never, no, yes = jnp.full_like(step.t0, jnp.inf), jnp.array(False), jnp.array(True)
-    return Inside(never, no, never, no, jnp.array(-1), -never, never, no, yes)
+    return Inside(never, no, never, no, jnp.array(-1), -never, never, no, yes, no)
 
 
 def _near(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
@@ -127,6 +129,7 @@ def _both(a: Inside, b: Inside) -> Inside:
         to_go=jnp.minimum(a.to_go, b.to_go),
         grazes=a.grazes | b.grazes,
         known=known,
+        jumps=a.jumps | b.jumps,
     )
 
 
@@ -134,7 +137,7 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     """The rules, guard by guard: does it end on zero, fall through zero before, or may it dip below zero unseen?"""
     t0, t1, h = step.t0, step.t1, step.t1 - step.t0
     guard, rate, rounded = step.guard1, step.rate1, resolution.rounding
-    on_guard = _on_guard(step, resolution)
+    on_guard, jumped = _on_guard(step, resolution)
     # A guard that was just left may be below zero by its rounding while it rises: no crossing.
     rising = (rate >= 0) & (guard < 0) & (guard >= -rounded)
     end = jnp.where(rising, 0, guard + resolution.noise)
@@ -150,14 +153,14 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     split = jnp.where(is_divisible(t0, h), split, jnp.inf)
     split = jnp.where(known, split, 0.5)
     to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
-    landed_on, since = first_to_fall(on_guard, guard, rate)
-    return Inside(
-        t_root, ends_early, split, jnp.any(on_guard), landed_on, since, to_go, jnp.any(miss <= resolution.depth), known
-    )
+    landed_on, since = first_to_fall(on_guard, guard, jnp.where(jumped, -jnp.inf, rate))
+    grazes, jumps = jnp.any(miss <= resolution.depth), jnp.any(on_guard & jumped)
+    return Inside(t_root, ends_early, split, jnp.any(on_guard), landed_on, since, to_go, grazes, known, jumps)
 
 
-def _on_guard(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
-    """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling."""
+def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guard"], Bool[Array, "guard"]]:
+    """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling; and which of
+    all have jumped below zero."""
     h, guard, rate, rounded = step.t1 - step.t0, step.guard1, step.rate1, resolution.rounding
     # A guard that the segment has not left yet fires only after a root inside a step was found.
     may_fire = (resolution.noise == 0) | (resolution.shortenings > 0)
@@ -171,4 +174,4 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))
     counts_as_zero = closeness(guard.dtype) / rounding(guard.dtype) * rounded
     jumped = below_after_shortest & (fell > explained + counts_as_zero)
-    return may_fire & (((rate < 0) & (close | below_after_shortest | fell_at_end)) | jumped)
+    return may_fire & (((rate < 0) & (close | below_after_shortest | fell_at_end)) | jumped), jumped

@@ -123,8 +123,8 @@ class Motion(eqx.Module):
     """Number of the last event, -1 before the first."""
     last_event_time: Float[Array, ""]
     """-inf before the first."""
-    grazing: Bool[Array, ""]
-    """Whether any event so far was grazing."""
+    doubt: Status
+    """`Status.running`, or why the derivatives of a motion that reaches its end are not to be trusted."""
     unreported: Int[Array, ""]
     """Jump times and silent events passed so far, which are rows of the record of events."""
     rejected: Int[Array, ""]
@@ -160,9 +160,9 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
         room=room,
     )
     never = jnp.array(-jnp.inf, t0.dtype)
-    no, zero = jnp.array(False), jnp.array(0)
+    begun, doubt, zero = jnp.array(False), Status.running, jnp.array(0)
     return Motion(
-        no, t0, x0, mode, mode, steps, events, jnp.array(-1), never, no, zero, zero, jnp.zeros_like(t0), status
+        begun, t0, x0, mode, mode, steps, events, jnp.array(-1), never, doubt, zero, zero, jnp.zeros_like(t0), status
     )  # fmt: skip
 
 

@@ -28,6 +28,8 @@ class SegmentEnd(eqx.Module):
     begun, meaningless without an event."""
     time: Float[Array, ""]
     """When: where the motion stands, or the declared time itself."""
+    jumped: Bool[Array, ""]
+    """Whether the guard has jumped below zero, without falling."""
 
 
 def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> tuple[Motion, SegmentEnd]:
@@ -67,7 +69,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
         t=ts[0],
         x=ys[0],
         steps=state.record,
-        grazing=motion.grazing | state.grazing,
+        doubt=Status.where(state.grazing, Status.grazing, motion.doubt),
         rejected=state.rejected,
         # The beginning leaves it to be found in the mode that is chosen there.
         first_step=jnp.where(motion.begun, state.free_step, motion.first_step),
@@ -76,7 +78,10 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     on_guard = ends_at_start | landed
     at_known_time = ~on_guard & (motion.status == Status.running) & jnp.isfinite(known.stop)
     time = jnp.where(at_known_time, known.time, motion.t)
-    return motion, SegmentEnd(on_guard | at_known_time, jnp.where(at_known_time, known.event, guard), time)
+    event = jnp.where(at_known_time, known.event, guard)
+    below = jnp.any(start.jumped & (jnp.arange(start.guard.shape[0]) == guard))
+    jumped = on_guard & jnp.where(ends_at_start, below, state.jumped)
+    return motion, SegmentEnd(on_guard | at_known_time, event, time, jumped)
 
 
 class KnownTime(NamedTuple):

@@ -9,7 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision
-from ..numerics.tolerances import time_resolution
+from ..numerics.tolerances import MOST_RELAXED, time_resolution
 from ..observables import EventStates
 from ..status import Status
 from .past_jump import past_jump
@@ -97,7 +97,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         events=events,
         last_event=jnp.where(passes, end.event, motion.last_event),
         last_event_time=jnp.where(recorded, t, motion.last_event_time),
-        grazing=motion.grazing | (recorded & done.decision.grazing),
+        doubt=Status.where(recorded, _doubt(motion, end, done.decision), motion.doubt),
         unreported=motion.unreported + (recorded & hidden),
         rejected=motion.rejected,
         first_step=first_step,
@@ -120,6 +120,7 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     at = jnp.where(at_jump_time, after_jump(t), t)
     event = jnp.maximum(end.event, FLOW_JUMP)  # one number stands for every jump time
     decision = system.choose(event, at, before, motion.mode)
+    decision = dataclasses.replace(decision, at_once=decision.at_once | _jumps_with_the_last(motion, end))
     reset_x, emitted = system.reset(decision, t, before)
     at_event = lambda: reset_x
     if system.jump_times() is not None:
@@ -129,9 +130,21 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     return Transition(decision, after, emitted)
 
 
+def _jumps_with_the_last(motion: Motion, end: SegmentEnd) -> Bool[Array, ""]:
+    """Whether a guard jumped below zero at the instant of the event before, which then tells where."""
+    return end.jumped & (end.time - motion.last_event_time <= time_resolution(end.time, MOST_RELAXED))
+
+
+def _doubt(motion: Motion, end: SegmentEnd, decision: Decision) -> Status:
+    """What makes derivatives doubtful, with this event."""
+    jumps = end.jumped & ~_jumps_with_the_last(motion, end)
+    doubt = Status.where(jumps, Status.guard_jumps, motion.doubt)
+    return Status.where(decision.grazing, Status.grazing, doubt)
+
+
 def _status(motion: Motion, end: SegmentEnd, full, repeats, decided: Status) -> Status:
     """What is said of the motion after a segment and its event. Later lines override earlier ones."""
-    reached = Status.where(motion.grazing, Status.grazing, Status.successful)
+    reached = Status.where(motion.doubt == Status.running, Status.successful, motion.doubt)
     ended = Status.where(motion.status == Status.running, reached, motion.status)
     status = Status.where(end.is_event, motion.status, ended)
     status = Status.where(decided == Status.running, status, decided)

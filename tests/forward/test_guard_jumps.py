@@ -1,0 +1,57 @@
+"""A guard that jumps below zero instead of falling: told of, and right where another event comes at that place."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+
+import hybridsens as hs
+from tests.closeness import assert_close
+
+PLACE = jnp.array(0.7)
+
+
+class Faster(hs.AbstractHybridSystem):
+    """x' = 1, and 3 from x = place on; `guards` are "jumps", which knows the place by a comparison, and "falls"."""
+
+    place: jax.Array
+    written: tuple[str, ...] = eqx.field(static=True)
+
+    def flow(self, t, x, mode):
+        return jnp.where(mode == 1, 3.0, 1.0)[None]
+
+    def guards(self, t, x, mode):
+        jumps = jnp.where(x[0] > self.place, -1 - 0.1 * x[0], 1.0) + 10.0 * mode
+        return jnp.stack([jumps if name == "jumps" else self.place - x[0] for name in self.written])
+
+    def transition(self, event, t, x, mode):
+        return x, jnp.where(event == self.written.index("jumps"), 1, mode)
+
+
+class Harmless(Faster):
+    known_discontinuities = True
+
+
+def moved(kind, place, *written, **given):
+    return hs.solve(kind(place, written), jnp.zeros(1), jnp.array(0), t1=2.0, max_events=4, **given)
+
+
+@pytest.mark.filterwarnings("ignore:`guards` must be smooth")
+def test_one_that_jumps_is_told():
+    """The motion is right; whoever says that it does no harm is told nothing."""
+    with pytest.raises(hs.SimulationError, match="guard jumps below zero"):
+        moved(Faster, PLACE, "jumps")
+    motion = moved(Faster, PLACE, "jumps", throw=False)
+    assert motion.status == hs.Status.guard_jumps
+    assert moved(Harmless, PLACE, "jumps").status == hs.Status.successful
+    assert_close(motion.final, jnp.array([4.6]), 1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:`guards` must be smooth")
+@pytest.mark.parametrize("written", [pytest.param(("falls", "jumps"), marks=pytest.mark.slow), ("jumps", "falls")])
+def test_it_moves_with_an_event_at_that_place(written):
+    """d x(2) / d place = 1 - 3, by both modes, whichever guard is written first."""
+    assert moved(Faster, PLACE, *written).status == hs.Status.successful
+    end = lambda place, method: moved(Faster, place, *written, adjoint=method).final[0]
+    assert_close(jax.grad(end)(PLACE, hs.Replay()), -2.0, 1e-12)
+    assert_close(jax.jacfwd(end)(PLACE, hs.ForwardSensitivities()), -2.0, 1e-12)
