@@ -95,9 +95,10 @@ class EventLocator(diffrax.AbstractStepSizeController):
         t1, inner = self.inner.init(terms, t0, t1, y0, first_step, args, func, error_order)
         start = self.start
         rate = jnp.where(start.leaving, jnp.maximum(start.rate, 0), start.rate)
+        no, yes = jnp.array(False), jnp.array(True)
         state = LocatorState(
             inner, self.record, jnp.where(start.leaving, 0, jnp.maximum(start.guard, 0)), rate, start.noise,
-            jnp.array(0), first_step, self.rejected, jnp.array(-1), *2 * [jnp.array(False)], jnp.array(True),
+            jnp.array(0), first_step, self.rejected, jnp.array(-1), no, no, yes,
         )  # fmt: skip
         return t1, state
 
