@@ -120,7 +120,10 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     at = jnp.where(at_jump_time, after_jump(t), t)
     event = jnp.maximum(end.event, FLOW_JUMP)  # one number stands for every jump time
     decision = system.choose(event, at, before, motion.mode)
-    decision = dataclasses.replace(decision, at_once=decision.at_once | _jumps_with_the_last(motion, end))
+    if decision.at_once is not False:  # in a system whose events may come with the one before
+        # A guard that jumps below zero at the instant of that event moves with it, for that event tells where.
+        same_instant = t - motion.last_event_time <= time_resolution(t, MOST_RELAXED)
+        decision = dataclasses.replace(decision, at_once=decision.at_once | (end.jumped & same_instant))
     reset_x, emitted = system.reset(decision, t, before)
     at_event = lambda: reset_x
     if system.jump_times() is not None:
@@ -130,14 +133,9 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     return Transition(decision, after, emitted)
 
 
-def _jumps_with_the_last(motion: Motion, end: SegmentEnd) -> Bool[Array, ""]:
-    """Whether a guard jumped below zero at the instant of the event before, which then tells where."""
-    return end.jumped & (end.time - motion.last_event_time <= time_resolution(end.time, MOST_RELAXED))
-
-
 def _doubt(motion: Motion, end: SegmentEnd, decision: Decision) -> Status:
     """What makes derivatives doubtful, with this event."""
-    jumps = end.jumped & ~_jumps_with_the_last(motion, end)
+    jumps = end.jumped & jnp.logical_not(decision.at_once)
     doubt = Status.where(jumps, Status.guard_jumps, motion.doubt)
     return Status.where(decision.grazing, Status.grazing, doubt)
 
