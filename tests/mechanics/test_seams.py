@@ -85,3 +85,36 @@ def test_a_switch_at_that_place_gives_the_derivative(method):
     found, truth = jax.jit(jacobian(outcome))(P), jax.jacrev(closed_form)(P)
     assert np.abs(truth[:, 0]).min() > 0.1
     assert_close(found, truth, 1e-8)
+
+
+class Rod(Edge):
+    """A rod whose lower end slides over the edge too slowly to leave it: coordinates of its centre, and its angle."""
+
+    def mass_matrix(self, q):
+        return jnp.diag(jnp.array([1.0, 1.0, 0.2]))
+
+    def force(self, t, q, v):
+        return jnp.append(super().force(t, q, v), 0.0)
+
+    def gap(self, t, q):
+        return super().gap(t, q[:2] + 0.5 * jnp.stack([jnp.sin(q[2]), -jnp.cos(q[2])]))
+
+
+def lean(p):
+    """Where the rod ends, from weight, radius, edge, speed, and the angle at the start."""
+    centre = jnp.stack([-0.3, p[1]]) - 0.5 * jnp.stack([jnp.sin(p[4]), -jnp.cos(p[4])])
+    start = hs.State(jnp.append(centre, p[4]), jnp.stack([p[3], 0 * p[3], 0 * p[3]]))
+    motion = hs.simulate(Rod(*p[:3]), start, t1=1.0, rtol=1e-10, atol=1e-10, max_events=4)
+    return jnp.append(motion.final.q, motion.events.count)
+
+
+@pytest.mark.slow
+def test_a_contact_that_stays_held_there_has_its_derivative():
+    """Only the load jumps, and what it does to the velocity is what the projection onto the gap takes: differences."""
+    p, h = jnp.array([1.0, 1.5, 0.0, 0.5, 0.6]), 1e-3
+    run = jax.jit(lean)
+    sides = lambda k, way: run(p.at[k].add(h * way))
+    by_differences = lambda k: (8 * (sides(k, 1) - sides(k, -1)) - (sides(k, 2) - sides(k, -2))) / (12 * h)
+    assert run(p)[3] == 0
+    found = jax.jit(jax.jacrev(lambda p: lean(p)[:3]))(p)
+    assert_close(found, np.stack([by_differences(k)[:3] for k in range(5)], axis=1), 1e-8)
