@@ -77,11 +77,7 @@ def to_polygon(points, corners: Float[Array, "corner 2"], radius) -> Float[Array
     The radius must be positive, as for `to_segment`, and centres must stay outside. A polygon that is not convex has
     corners in which two gaps close at once: build it of convex ones, with a gap each."""
     _must_be_round(radius, "to_polygon")
-    corners = jnp.asarray(corners)
-    edges = jax.vmap(lambda start, end: _distance_to_segment(jnp.asarray(points), start, end))
-    distances = edges(corners, jnp.roll(corners, -1, axis=0))
-    # One by one, because the search for dips of a gap has bounds for a minimum of two, and none for one over an axis.
-    return functools.reduce(jnp.minimum, [distances[i] for i in range(corners.shape[0])]) - radius
+    return _distance_to_polygon(jnp.asarray(points), jnp.asarray(corners)) - radius
 
 
 def inside_polygon(points, corners: Float[Array, "corner 2"], radius=0.0) -> Float[Array, "*points corner"]:
@@ -112,6 +108,14 @@ def _distance_to_segment(points, start, end):
     ahead, aside = offset @ along, offset @ jnp.stack([-along[1], along[0]])
     before, beyond = jnp.maximum(-ahead, 0), jnp.maximum(ahead - length, 0)
     return jnp.sqrt(aside**2 + before**2 + beyond**2)
+
+
+@jax.jit  # a call that the search for kinks in traces knows by its name: outside, the nearest edge changes smoothly
+def _distance_to_polygon(points, corners):
+    edges = jax.vmap(lambda start, end: _distance_to_segment(points, start, end))
+    distances = edges(corners, jnp.roll(corners, -1, axis=0))
+    # One by one, because the search for dips of a gap has bounds for a minimum of two, and none for one over an axis.
+    return functools.reduce(jnp.minimum, [distances[i] for i in range(corners.shape[0])])
 
 
 def _must_be_round(radius, name: str) -> None:

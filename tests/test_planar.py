@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hybridsens import planar
+from hybridsens.interval.breaks import breaks
 from hybridsens.interval.kind import Kind
 from hybridsens.search.gap_search import gap_kinds
 
@@ -89,3 +90,16 @@ def test_a_point_has_no_smooth_gap_at_a_corner(gap):
     """A radius of 0 is refused."""
     with pytest.raises(ValueError, match="must be positive"):
         gap(jnp.zeros(2), *([SQUARE] if gap is planar.to_polygon else [SQUARE[0], SQUARE[1]]), 0.0)
+
+
+@pytest.mark.parametrize(
+    "gap",
+    [
+        lambda x: planar.to_segment(x.reshape(2, 2), SQUARE[0], SQUARE[1], RADIUS),
+        lambda x: planar.to_polygon(x[:2], SQUARE, RADIUS),
+    ],
+    ids=["segment", "polygon"],
+)
+def test_no_gap_looks_kinked(gap):
+    """A distance has a derivative where the nearest point changes, and so its trace is told of nothing."""
+    assert not breaks(jax.make_jaxpr(gap)(jnp.full(4, 3.0)), ["q"])

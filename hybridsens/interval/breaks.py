@@ -51,8 +51,9 @@ JUMPS = {
     "argmax": "jnp.argmax", "argmin": "jnp.argmin",
 }  # fmt: skip
 INDEXED = {"gather", "dynamic_slice", "dynamic_update_slice", "scatter", "scatter-add", "scatter_add"}
-SMOOTH_CALLS = {"logaddexp", "logaddexp2", "hypot", "sinc", "nextafter"}
-"""Functions of JAX that are smooth, although they select inside (`hypot` but for the origin)."""
+SMOOTH_CALLS = {"logaddexp", "logaddexp2", "hypot", "sinc", "nextafter", "_distance_to_polygon"}
+"""Functions of JAX, and one of `planar`, that are smooth, although they select inside (`hypot` but for the origin, the
+distance to a polygon but for its inside)."""
 KINKED_CALLS = dict.fromkeys(INTERPOLATIONS, "jnp.interp") | {"clip": "jnp.clip", "relu": "relu"}
 JUMPING_CALLS = {"remainder": "%", "floor_divide": "//", "searchsorted": "jnp.searchsorted", "digitize": "jnp.digitize"}
 SHAPES = (LINEAR_SHAPES - {"cumsum", "reduce_sum", "concatenate", "stack", "pad"}) | {"neg"}
