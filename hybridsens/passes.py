@@ -17,7 +17,7 @@ from .adjoint.step import in_steps
 from .adjoint.steps_back import BackwardPass, recomputed_steps, recorded_steps
 from .flat_system import AbstractFlatSystem, Mode
 from .forward.record import Motion, empty_motion
-from .forward.sampling import sample_states
+from .forward.sampling import past_coincidences, sample_states
 from .forward.segment_loop import run_segments
 from .forward.solver import TERM, FlowSize, RunSettings, flow_size
 from .numerics.batch_axes import batch_in_front
@@ -74,9 +74,10 @@ def _samples(problem: Problem, options: Options, motion: Motion):
     if problem.ts is None:
         return None
     solver = options.settings.replay_solver(_flow_size(problem, options))
+    ts = past_coincidences(problem.system, motion, problem.ts)
     # Differentiated forward alone: `pull_back` and `_by_sample_times` go back.
-    samples = sample_states(problem.system, solver, motion, problem.ts, forward_mode=True)
-    return jnp.where(_reached(problem.ts, motion), samples, jnp.nan)
+    samples = sample_states(problem.system, solver, motion, ts, forward_mode=True)
+    return jnp.where(_reached(ts, motion), samples, jnp.nan)
 
 
 def _reached(ts, motion: Motion):
@@ -145,7 +146,8 @@ def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, 
     replay = settings.replay_solver(_flow_size(problem, options))
     final, samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
     if samples is not None:
-        ts, samples = problem.ts, jnp.where(_reached(problem.ts, motion), samples, 0)
+        ts = past_coincidences(system, motion, problem.ts)
+        samples = jnp.where(_reached(ts, motion), samples, 0)
     by_rows = Observables(final, samples, in_rows_recorded(motion, settings.max_events, cotangent.events))
     controlled = settings.derivative_rtol != math.inf
     control = _control(settings, replay)
@@ -160,7 +162,7 @@ def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, 
 def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):
     """Cotangents of the times asked for, by which a sample moves along the flow."""
     sample = lambda ts: sample_states(problem.system, backward.solver, motion, ts)
-    return jax.vjp(sample, problem.ts)[1](backward.cotangent.samples)[0]
+    return jax.vjp(sample, backward.ts)[1](backward.cotangent.samples)[0]
 
 
 def _control(settings: RunSettings, solver) -> DerivativeControl:

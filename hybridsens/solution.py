@@ -72,13 +72,15 @@ class Solution(eqx.Module):
         with all times, or `ts=` of `solve`. The number of times is rounded up inside, so that few numbers of them
         compile anew.
 
-        Raises: ValueError for a motion that was loaded, which does not know its system, and for times that are no
-        numbers or lie outside of [t0, t1]."""
+        Raises: ValueError for a motion that was loaded, which does not know its system, for a batch, and for times that
+        are no numbers or lie outside of [t0, t1]."""
         if self.again is None:
             raise ValueError(
                 "evaluate() must know the system of its motion, which is not in a file: pass `ts=` to `solve` before "
                 "the motion is saved."
             )
+        if np.ndim(self.events.count) > 0:
+            must_be_one(self.events.count, "evaluate()")
         times = jax.numpy.asarray(ts, dtype=float)
         t0, t1 = self.again.horizon()
         must_lie_within(times.astype(t1.dtype), t0, t1)

@@ -19,6 +19,8 @@ def state_as_arrays(x0) -> tuple[Any, Any]:
     if not leaves:
         raise TypeError(f"`x0` must hold real numbers, but is {x0!r}.")
     arrays = [_real(leaf) for leaf in leaves]
+    if not any(array.size for array in arrays):
+        raise TypeError(f"`x0` must hold real numbers, but its arrays are empty: {x0!r}.")
     dtype = jnp.result_type(*arrays)
     return tree.unflatten([array.astype(dtype) for array in arrays]), dtype
 
@@ -38,11 +40,17 @@ def mode_as_arrays(mode) -> Any:
 
     def array(leaf):
         try:
-            return jnp.asarray(leaf)
+            found = jnp.asarray(leaf)
         except (TypeError, ValueError, OverflowError) as error:
             raise TypeError(
                 f"`mode` must hold numbers or arrays, but has a leaf {type(leaf).__name__}: number the modes."
             ) from error
+        if jnp.issubdtype(found.dtype, jax.dtypes.prng_key):
+            raise TypeError(
+                "`mode` must hold numbers or arrays, but has a random key of a type of its own: put "
+                "jax.random.key_data(key) there, and take the key from it by jax.random.wrap_key_data."
+            )
+        return found
 
     return undifferentiated(jax.tree.map(array, mode))
 

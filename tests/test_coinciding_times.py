@@ -57,6 +57,22 @@ def test_a_dose_at_a_jump_time_has_its_own_derivative(guarded, method):
     assert_close(found, jax.vmap(jax.grad(left_exactly))(times), 1e-7)
 
 
+@pytest.mark.parametrize("guarded", [False, True], ids=["scheduled", "guard"])
+@pytest.mark.parametrize("method", [jax.jacrev, jax.jacfwd], ids=["reverse", "forward"])
+def test_a_sample_at_a_dose_at_a_jump_time_is_the_state_after_it(guarded, method):
+    adjoint = hs.ForwardSensitivities() if method is jax.jacfwd else None
+
+    def sampled(times):
+        ts = jnp.stack([1.0, times[2]])
+        return hs.solve(Infusion(times[0], times[1], guarded), 0.0, 0, t1=END, ts=ts, adjoint=adjoint).x[1]
+
+    times = jnp.stack([3 + APART[2:-2], jnp.full(5, 3.0), jnp.full(5, 3.0)], axis=1)
+    assert_close(jax.jit(jax.vmap(sampled))(times), jnp.full(5, 5.0), 1e-8)
+    found = jax.jit(jax.vmap(method(sampled)))(times)
+    by_dose = 5 * DECAY
+    assert_close(found, jnp.tile(jnp.array([by_dose, -2.0, 2.0 - by_dose]), (5, 1)), 1e-7)
+
+
 class Clock(hs.AbstractHybridSystem):
     """A clock that reads its ticks from a list."""
 

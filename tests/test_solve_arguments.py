@@ -46,6 +46,12 @@ def test_transformations():
             made.evaluate(outside)
 
 
+def test_states_of_a_batch_are_asked_of_one_motion():
+    made = jax.vmap(lambda rate: hs.solve(Oscillator(rate), jnp.array([1.0, 0.0]), 0, t1=1.0))(jnp.array([1.0, 2.0]))
+    with pytest.raises(ValueError, match="on one motion, but this is a batch of"):
+        made.evaluate(0.5)
+
+
 def test_the_ends_of_a_motion_in_single_precision_lie_within_it():
     """0.1 is larger there than in double precision."""
     ball = Ball(*jnp.float32([9.81, 0.8]))
@@ -100,7 +106,9 @@ def test_arguments_that_do_not_fit_are_told():
     system, x0 = Oscillator(jnp.array(1.0)), jnp.array([1.0, 0.0])
     for arguments, message in (
         ((system, "start", 0), "`x0` must hold real numbers"),
+        ((system, jnp.zeros(0), 0), "`x0` must hold real numbers, but its arrays are empty"),
         ((system, x0, "on"), "`mode` must hold numbers"),
+        ((system, x0, jax.random.key(0)), "`mode` must hold numbers or arrays, but has a random key"),
         ((hs.scenes.BouncingBall(), x0, 0), "system.*AbstractHybridSystem"),
     ):
         with pytest.raises(TypeError, match=message):

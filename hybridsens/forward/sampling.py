@@ -13,9 +13,32 @@ from jaxtyping import Array, Float
 
 from ..flat_system import AbstractFlatSystem
 from ..numerics.batch_axes import batch_in_front
-from .record import Motion, segment, segment_end
+from ..numerics.tolerances import jump_window
+from .record import Motion, is_jump, segment, segment_end
 from .solver import one_step
 from .tangent import push
+
+
+def past_coincidences(system: AbstractFlatSystem, motion: Motion, ts: Float[Array, "sample"]) -> Float[Array, "sample"]:
+    """`ts`, where one at which a jump time and an event fall together becomes the first moment after both.
+
+    While the clock passes a jump time nothing is recorded, and the event may stand on either side of it: at the time
+    itself the state after it would not be found."""
+    if system.jump_times() is None:
+        return ts
+    rows, steps = motion.events.rows, motion.steps
+    passed = jnp.arange(motion.events.steps.shape[0]) < motion.events.count
+    jump = is_jump(rows.guard)
+
+    def moved(t):
+        near = passed & (jnp.abs(rows.states.time - t) <= jump_window(t))
+        coincide = jnp.any(near & jump) & jnp.any(near & ~jump & ~rows.decision.silent)
+        last = jnp.searchsorted(steps.t, t + jump_window(t), side="right") - 1
+        after = steps.t[jnp.clip(last, 0, steps.count)]
+        return jnp.where(coincide, jnp.maximum(after - t, 0), 0)
+
+    later = lax.stop_gradient(ts + jax.vmap(moved)(ts))
+    return ts + lax.stop_gradient(lax.cummax(later) - ts)  # in the order in which they came
 
 
 def sample_states(

@@ -99,6 +99,11 @@ class Trajectory(eqx.Module):
 
         Raises: ValueError for a motion that was loaded, indexed out of a batch or made inside of `jax.jit`, which does
         not know its scene, and for times outside of [t0, t1]."""
+        if any(isinstance(t, jax.core.Tracer) for t in jax.tree.leaves(ts)):
+            raise ValueError(
+                "evaluate() must be given known times: for derivatives by them, or inside of a transformation, pass "
+                "`ts=` to `simulate`."
+            )
         times = np.asarray(ts, float)
         order = np.argsort(times, axis=None)
         ordered = jnp.asarray(times.ravel()[order], self.final.q.dtype)

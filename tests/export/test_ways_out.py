@@ -184,6 +184,8 @@ def test_other_times_are_as_exact_as_the_motion(motion):
     np.testing.assert_array_equal(motion.evaluate(TS[5]).q, motion.q[5])
     with pytest.raises(ValueError, match=r"lie within \[t0, t1\] = \[0, 1\], but 1.5 does not"):
         motion.evaluate(1.5)
+    with pytest.raises(ValueError, match="evaluate.. must be given known times"):
+        jax.grad(lambda t: motion.evaluate(t).q[0])(0.5)
 
 
 def test_a_motion_that_lost_its_scene_says_so(motion):
