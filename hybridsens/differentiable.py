@@ -16,7 +16,7 @@ from .forward.short_record import is_whole, lengthened, shortened
 from .observables import Observables
 from .passes import BackwardOptions, Options, Problem, go_back, go_forward, vary_forward
 from .reported import Reported, report
-from .validation.direction import FORWARD_OVER_REVERSE, forward_only
+from .validation.direction import SECOND_DERIVATIVES, forward_only
 from .xla.batches import Done, Mapped
 from .xla.linear_map import LinearMap, tangent_types
 from .xla.packed import Packed, pack
@@ -92,7 +92,7 @@ def _solve_in_any_mode_jvp(primals, tangents):
     def forward(constants, d_leaves):
         problem, options, _, record = known(constants)
         d_observed = _from_record(vary_forward, (problem, options), record, d_tree.unflatten(d_leaves), directions=True)
-        return observed_tree.flatten_up_to(forward_only(d_observed, FORWARD_OVER_REVERSE))
+        return observed_tree.flatten_up_to(forward_only(d_observed, SECOND_DERIVATIVES))
 
     def backward(constants, cotangents):
         problem, options, backward_options, record = known(constants)
@@ -138,7 +138,7 @@ def _backward(
     """Cotangents of the problem (None where nothing depends on an entry). They may be differentiated forward, but not
     transposed."""
     asked = problem, options, backward_options
-    return forward_only(_from_record(go_back, asked, record, cotangent), FORWARD_OVER_REVERSE)
+    return forward_only(_from_record(go_back, asked, record, cotangent), SECOND_DERIVATIVES)
 
 
 def _from_record(function: Callable, asked: tuple, record: Record, given: Any, directions: bool = False) -> Any:

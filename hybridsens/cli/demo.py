@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..comparison.demo import Demonstration, demonstrate, relative_errors
+from ..export.names import contact_names
 from ..export.text import MOST_ROWS
 from ..mechanics.mode import EventKind
 from ..mechanics.trajectory import Trajectory
@@ -54,7 +55,7 @@ def _print(name: str, scene: Any, shown: Demonstration) -> None:
     console = Console(width=WIDTH, highlight=False)
     about = text(type(scene))
     console.print(f"{name}: {about}\n" if about else f"{name}\n", markup=False)
-    _print_events(console, shown.trajectory)
+    _print_events(console, scene, shown.trajectory)
     _print_gradients(console, shown)
     _print_timings(console, shown)
 
@@ -74,6 +75,14 @@ def _events(motion: Trajectory | Solution) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
+def _contact(scene: Any, motion: Trajectory | Solution, row: dict[str, Any]) -> dict[str, str]:
+    """The name of an event's contact, for those who read."""
+    if isinstance(motion, Solution) or row["kind"] == "switch":
+        return {}
+    names = contact_names(scene, motion.events.impulse.shape[-1])
+    return {"contact": names[row["contact"]]}
+
+
 def _summary(name: str, shown: Demonstration) -> dict[str, Any]:
     """What a program wants to know."""
     motion = shown.trajectory
@@ -89,9 +98,9 @@ def _summary(name: str, shown: Demonstration) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _print_events(console: Console, motion: Trajectory | Solution) -> None:
+def _print_events(console: Console, scene: Any, motion: Trajectory | Solution) -> None:
     """The first and the last of them."""
-    rows = _events(motion)
+    rows = [row | _contact(scene, motion, row) for row in _events(motion)]
     accepted, rejected = int(motion.steps.accepted), int(motion.steps.rejected)
     print(f"status: {motion.status}")
     print(f"steps: {accepted} accepted, {rejected} rejected; events: {len(rows)}")

@@ -11,7 +11,7 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.smoothness import REMEDIES
 from ..mechanics.trajectory import Events
 from ..status import Status
-from .check_events import EventCheck
+from .check_events import OTHER_EVENTS, EventCheck
 from .check_grazing import grazes
 from .check_motions import Call
 
@@ -39,8 +39,8 @@ class Cause(NamedTuple):
     """One likely cause of a doubt."""
 
     kind: str
-    """"step control", "motion", "discontinuity", "grazing", "simultaneous impacts", "event at a data time" or
-    "unexplained"."""
+    """"step control", "motion", "discontinuity", "grazing", "simultaneous impacts", "event at a data time",
+    "other events" or "unexplained"."""
     parameters: tuple[str, ...]
     """In which parameters it is to be looked for."""
     events: tuple[str, ...]
@@ -98,7 +98,8 @@ def _elsewhere(doubts: Doubts, resolved: dict[str, bool]) -> list[Cause]:
     rest = doubts._replace(parameters=tuple(name for name in doubts.parameters if name not in off))
     reason = "the motion is not resolved: with another solver and tighter tolerances the gradient is another"
     motion = Cause("motion", off, (), reason, "tighten `rtol` and `atol`, or shorten the horizon")
-    return ([motion] if off else []) + ([_unexplained(rest)] if any(rest) else [])
+    untested = not doubts.parameters and not resolved and all(entry.verdict == OTHER_EVENTS for entry in doubts.events)
+    return ([motion] if off else []) + ([_untested(rest) if untested else _unexplained(rest)] if any(rest) else [])
 
 
 def _of_motion(doubts: Doubts, number: int, call: Call, settings) -> list[Cause]:
@@ -174,6 +175,12 @@ def _grazing(doubts: Doubts, number: int, call: Call, settings) -> Cause | None:
     reason = f"near grazing: {told}. Sensitivities grow like 1 / closing speed, and the event comes and goes"
     remedy = "move the parameters away from grazing, or trust the gradient only for changes smaller than its distance"
     return doubts.cause("grazing", reason, remedy, _those_with(doubts, rows))
+
+
+def _untested(doubts: Doubts) -> Cause:
+    reason = "a piece of the motion cannot be started by itself, as where several contacts come to rest together"
+    remedy = "rely on the derivatives by the parameters, which agree, or check a cost that ends before this event"
+    return doubts.cause("other events", reason, remedy, doubts.events)
 
 
 def _unexplained(doubts: Doubts) -> Cause:

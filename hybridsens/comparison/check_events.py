@@ -25,6 +25,8 @@ from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes
 
 MOST = 24
 """How many pieces of a motion are checked."""
+OTHER_EVENTS = "not decided: started by itself, this piece has other events"
+"""The verdict on an event whose piece of the motion could not be tested."""
 
 
 class EventCheck(NamedTuple):
@@ -197,7 +199,7 @@ def _check(number: int, call: Call, group: range, passage: Passage, tolerance: f
     held = bool(piece.held) or bool(np.any(np.asarray(piece.events.kind) == EventKind.CAPTURE))
     expected = expected_determinant(call.scene, piece.events, held, float(piece.divergence))
     if _sequence(piece.events) != _sequence(call.events, group):
-        verdict = "not decided: started by itself, this piece has other events"
+        verdict = OTHER_EVENTS
     elif not np.isnan(expected) and not abs(determinant - expected) <= tolerance * max(abs(expected), 1):
         verdict = f"determinant must be {expected:.9g}, but is {determinant:.9g}"
     else:

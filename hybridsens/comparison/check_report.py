@@ -61,9 +61,10 @@ def _event_lines(events: tuple[EventCheck, ...]):
 
 
 def _event_line(entry: EventCheck, contact: str) -> str:
+    determinant = 0.0 if abs(entry.determinant) < 1e-99 else entry.determinant  # a longer exponent has no room
     numbers = (
         f"{entry.time:>13.6f}{entry.kind.name.lower():>9}{contact}"
-        f"{entry.closing_speed:>14.4g}{entry.determinant:>13.6g}{entry.expected:>13.6g}"
+        f"{entry.closing_speed:>14.4g}{determinant:>13.6g}{entry.expected:>13.6g}"
     )
     return name_and_numbers(f"{entry.label:>7}", numbers, 7, entry.verdict)
 

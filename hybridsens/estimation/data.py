@@ -6,6 +6,8 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from ..export.names import split_unit
+
 
 class Measurements(eqx.Module):
     """A record of a motion. Values that are missing are NaN and have no weight in a fit."""
@@ -79,8 +81,9 @@ def measurements(
 
     - `times`: (sample,) strictly increasing [s]; durations (`timedelta64`) become seconds, dates are refused.
     - `values`: (sample,) or (sample, observation).
-    - `sigma`: standard deviations, anything that broadcasts to the values, or of each name its own, {"q0": 0.1};
-      None if they are equal and unknown. A fit of values and event times needs them, and one with priors.
+    - `sigma`: standard deviations, anything that broadcasts to the values, or of each name its own, {"q0": 0.1},
+      where a unit may be left off; None if they are equal and unknown. A fit of values and event times needs them, and
+      one with priors.
     - `names`: names of the observations; default q0, q1, ...
     - `missing`: "raise" on a NaN among the values or event times, or "skip" to leave those entries out of the fit.
     - `event_times`, `event_sigma`, `event_contacts`: times of impacts [s], their standard deviation (required with
@@ -171,15 +174,16 @@ def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
 
 
 def _by_column(sigma: Any, names: tuple[str, ...]) -> Any:
-    """Standard deviations that are given by name, in the order of the columns."""
+    """Standard deviations that are given by name, in the order of the columns. A unit may be left off."""
     if not isinstance(sigma, Mapping):
         return sigma
-    if set(sigma) != set(names):
+    keys = [name if name in sigma else split_unit(name)[0] for name in names]
+    if set(sigma) != set(keys) or len(set(keys)) < len(keys):
         raise ValueError(
             f"`sigma` must have one entry for each observation, {', '.join(names)}, "
             f"but has {', '.join(map(str, sigma))}."
         )
-    columns = (np.atleast_1d(np.asarray(sigma[name], float)) for name in names)
+    columns = (np.atleast_1d(np.asarray(sigma[key], float)) for key in keys)
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from ..export.names import contact_names
 from .descend import UNFINISHED, EventSequence
 
 _BARELY = 0.9
@@ -77,9 +78,9 @@ def _parameters(result: Any) -> Iterator[str]:
 
 
 def _events(result: Any) -> Iterator[str]:
-    start, end = result.sequence_start, result.sequence_end
-    yield f"events at the guess: {_sequence(start)}"
-    yield f"events at the end:   {'the same' if start == end else _sequence(end)}"
+    start, end, names = result.sequence_start, result.sequence_end, _contacts(result)
+    yield f"events at the guess: {_sequence(start, names)}"
+    yield f"events at the end:   {'the same' if start == end else _sequence(end, names)}"
     if result.sequence_changes:
         yield (
             f"the event sequence changed at {result.sequence_changes} accepted steps: the loss is only piecewise smooth"
@@ -173,8 +174,15 @@ def _direction(direction: dict[str, float]) -> str:
     return ", ".join(f"{label} {share:+.2f}" for label, share in shares if abs(share) > 0.05)
 
 
-def _sequence(sequence: EventSequence) -> str:
+def _contacts(result: Any) -> list[str]:
+    """Names of the contacts; none of a system that has events of its own."""
+    events = result.trajectory.events
+    return contact_names(result.scene, np.shape(events.impulse)[-1]) if hasattr(events, "impulse") else []
+
+
+def _sequence(sequence: EventSequence, names: list[str]) -> str:
     if not sequence:
         return "none"
-    shown = ", ".join(f"{kind} {contact}" for kind, contact in sequence[:8])
+    is_contact = lambda kind: bool(names) and kind != "switch"
+    shown = ", ".join(f"{kind} {names[of] if is_contact(kind) else of}" for kind, of in sequence[:8])
     return f"{len(sequence)} ({shown}{', ...' if len(sequence) > 8 else ''})"

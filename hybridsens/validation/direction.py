@@ -28,9 +28,10 @@ FORWARD_ONLY = (
     "for gradients, and for second derivatives with it jax.jacfwd(jax.grad(...))."
     + IMPLICIT
 )
-FORWARD_OVER_REVERSE = (
-    "Second derivatives of a motion are served by forward mode over reverse mode: use jax.jacfwd(jax.grad(...)) or "
-    "jax.hessian; reverse mode over reverse mode (jax.grad of jax.grad, jax.jacrev of jax.grad) must not be used."
+SECOND_DERIVATIVES = (
+    "Second derivatives of a motion are served by forward mode over another mode: use jax.jacfwd(jax.grad(...)) or "
+    "jax.hessian, or jax.jacfwd(jax.jacfwd(...)) with adjoint=hybridsens.ForwardSensitivities() or AnyMode(). Reverse "
+    "mode over another mode (jax.grad of jax.grad, of jax.jacrev or of jax.jacfwd) must not be used."
 )
 SETTINGS = (
     "`rtol`, `atol`, `max_step` and `capture_speed` must not be differentiated by: they are settings of the "

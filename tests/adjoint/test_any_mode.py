@@ -91,7 +91,7 @@ def test_reverse_mode_over_another_is_refused():
     """By the name of what serves."""
     along = lambda p: jax.jvp(cost, (p,), (P,))[1]
     for refused in (jax.jacrev(jax.grad(cost)), jax.grad(along)):
-        with pytest.raises(TypeError, match=r"use jax.jacfwd\(jax.grad\(...\)\) or jax.hessian"):
+        with pytest.raises(TypeError, match=r"use jax.jacfwd\(jax.grad.*or jax.hessian, or jax.jacfwd\(jax.jacfwd"):
             refused(P)
 
 

@@ -29,6 +29,7 @@ print("imported")
 class Plain(hs.AbstractScene):
     d: float = 0.6
     t1 = 1.0
+    contacts = ("fence",)
     def initial_state(self): return hs.State([0.0], [0.0])
     def running_cost(self, t, q, v): return q @ q
     def mass_matrix(self, q): return jnp.eye(1)
@@ -72,12 +73,15 @@ def test_demo_shows_a_right_gradient_beside_a_wrong_one(shown, monkeypatch, tmp_
 
 def test_demo_draws_the_motion_of_a_scene_of_ones_own(shown, monkeypatch, tmp_path, capsys):
     """Assert that gaps, velocities and contacts stand beside the gradients of a class that derives from no ready-made
-    one; and that it is not described by the signature that Python puts in the place of a text."""
+    one; that it is not described by the signature that Python puts in the place of a text; and that its contact has
+    its name in the list of events."""
     (tmp_path / "own.py").write_text(PLAIN)
     monkeypatch.setattr(demo, "demonstrate", lambda scene, tolerance: shown)
     monkeypatch.chdir(tmp_path)
     assert run(["demo", "own.py:Plain", "--output", "own.svg"]) == 0
-    assert capsys.readouterr().out.startswith("own.py:Plain\n\n")
+    printed = capsys.readouterr().out
+    assert printed.startswith("own.py:Plain\n\n")
+    assert re.search(r"impact +fence", printed)
     picture = (tmp_path / "own.svg").read_text()
     assert all(f"<!-- {label} -->" in picture for label in ("gap", "velocity", "time [s]"))
 

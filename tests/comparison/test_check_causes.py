@@ -9,6 +9,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.comparison.check_causes import ParameterCheck, find_causes
+from hybridsens.comparison.check_events import OTHER_EVENTS, EventCheck
 from hybridsens.comparison.check_gradient import check_gradient
 from hybridsens.comparison.check_grazing import grazes
 from hybridsens.comparison.check_motions import value_with_calls
@@ -28,6 +29,16 @@ def without_events(monkeypatch):
 
 def kinds(check):
     return {cause.kind for cause in check.causes}
+
+
+def test_an_event_that_could_not_be_tested_by_itself_blames_no_derivative():
+    """Where the parameters agree; where one is in doubt, its derivative may be that of another function."""
+    event = EventCheck(0, range(1), 0.9, hs.EventKind.CAPTURE, 0, 0.5, 0.0, 0.0, OTHER_EVENTS)
+    right = ParameterCheck("height", 1.0, 1.0, 1.0, 1e-9, 1.0, "")
+    (cause,) = find_causes([right], [event], [], {}, {})
+    assert cause.kind == "other events" and "rely on the derivatives" in cause.remedy
+    (cause,) = find_causes([right._replace(verdict="differences disagree")], [event], [], {}, {})
+    assert cause.kind == "unexplained"
 
 
 class Ball(BouncingBall):

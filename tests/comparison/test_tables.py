@@ -30,6 +30,11 @@ def check(parameters):
     return GradientCheck(slopes, events, (cause,))
 
 
+def test_a_tiny_determinant_does_not_touch_its_neighbour():
+    events = (EventCheck(0, range(1), 0.3, EventKind.CAPTURE, 12, 0.46654321, -1.86048e-189, 0.0, ""),)
+    assert " 0.4665            0            0" in str(check(SHORT)._replace(events=events))
+
+
 @pytest.mark.parametrize("table", [comparison, check])
 @pytest.mark.parametrize("parameters", [SHORT, LONG], ids=["short", "long"])
 def test_a_table_fits_a_terminal(table, parameters):

@@ -82,10 +82,11 @@ def test_the_control_with_knots_has_the_closed_form_gradient():
 @pytest.mark.slow
 def test_the_periodic_orbit_has_its_closed_form(monkeypatch):
     """A ball that comes back after a period has v = weight / 2; its impact turns v round if the table moves at
-    u = weight (1 - e) / (1 + e) / 2 = 2 pi a cos(2 pi t)."""
+    u = weight (1 - e) / (1 + e) / 2 = 2 pi a cos(2 pi t). Its multipliers are a complex pair of the product e^2."""
     monkeypatch.setattr(hybridsens, "configure", lambda: None)
     names: dict = {}
-    exec(_blocks("docs/howto/periodic.md")[0], names)
+    for code in _blocks("docs/howto/periodic.md"):
+        exec(code, names)
 
     def exact(table):
         u = table.weight * (1 - table.e) / (1 + table.e) / 2
@@ -95,6 +96,8 @@ def test_the_periodic_orbit_has_its_closed_form(monkeypatch):
     np.testing.assert_allclose(orbit(table), exact(table), rtol=1e-8)
     found, expected = (jax.tree.leaves(jax.jacfwd(way)(table)) for way in (orbit, exact))
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
+    assert abs(names["largest"](table) - table.e) < 1e-8
+    np.testing.assert_allclose(jax.tree.leaves(jax.jacfwd(names["largest"])(table)), [0, 1, 0], atol=1e-6)
 
 
 def test_the_neuron_has_the_closed_form_gradient(capsys):

@@ -36,6 +36,15 @@ def test_what_is_printed_names_the_parameters_and_events(near):
     assert "5 (impact 0, impact 0," in text
 
 
+def test_what_is_printed_has_the_names_of_contacts(near):
+    """Assert that events of a scene which names its contacts are told by these names."""
+
+    class Named(ElasticStop):
+        contacts = ("fence",)
+
+    assert "5 (impact fence, impact fence," in str(eqx.tree_at(lambda fitted: fitted.scene, near, Named()))
+
+
 def test_the_plot_shows_data_residuals_and_loss(near):
     """Assert that the figure has three panels, with a dashed line for each of the 5 events."""
     above, _, _ = near.plot().axes

@@ -129,6 +129,8 @@ def test_sigmas_may_be_given_by_name():
     np.testing.assert_array_equal(found.sigmas, [[0.1, 0.2], [0.1, 0.3]])
     both = measurements([1.0, 2.0], np.ones((2, 2)), sigma={"q0": 0.1, "v0": 0.2}, names=["q0", "v0"])
     np.testing.assert_array_equal(both.sigmas, [[0.1, 0.2]] * 2)
+    bare = read_measurements({"t": [1.0], "air [C]": [20.0], "load [C]": [30.0]}, sigma={"air": 2.0, "load [C]": 1.0})
+    np.testing.assert_array_equal(bare.sigmas, [[2.0, 1.0]])
     with pytest.raises(ValueError, match="one entry for each observation, q0, v0, but has q0"):
         measurements([1.0, 2.0], np.ones((2, 2)), sigma={"q0": 0.1}, names=["q0", "v0"])
 
