@@ -145,7 +145,7 @@ def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, 
     settings, system = options.settings, problem.system
     replay = settings.replay_solver(_flow_size(problem, options))
     final, samples, ts = filled(motion.x, cotangent.final), cotangent.samples, None
-    if samples is not None:
+    if samples is not None and problem.ts is not None:
         ts = past_coincidences(system, motion, problem.ts)
         samples = jnp.where(_reached(ts, motion), samples, 0)
     by_rows = Observables(final, samples, in_rows_recorded(motion, settings.max_events, cotangent.events))

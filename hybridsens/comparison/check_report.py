@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from ..export.text import name_and_numbers, preformatted, wrapped
 from .check_causes import Cause, ParameterCheck
-from .check_events import EventCheck
+from .check_events import OTHER_EVENTS, EventCheck
 
 MOST_LETTERS = 10
 """In the name of a contact that stands in a row of 80 columns."""
@@ -23,7 +23,8 @@ class GradientCheck(NamedTuple):
     @property
     def ok(self) -> bool:
         """Whether every test that could be made was passed, and each parameter could be tested."""
-        return not any(check.verdict for check in (*self.parameters, *self.events))
+        wrong = [entry for entry in self.events if entry.verdict and entry.verdict != OTHER_EVENTS]
+        return not wrong and not any(entry.verdict for entry in self.parameters)
 
     _repr_html_ = preformatted  # what a notebook shows
 
@@ -35,7 +36,9 @@ class GradientCheck(NamedTuple):
         lines += [_parameter_line(entry, width) for entry in self.parameters]
         lines += ["", *_event_lines(self.events)] if self.events else []
         if self.ok:
-            return "\n".join([*lines, "", "All agree."])
+            all_tested = not any(entry.verdict for entry in self.events)
+            told = ["All agree."] if all_tested else ["All that could be tested agree.", *map(_cause_line, self.causes)]
+            return "\n".join([*lines, "", *told])
         wrong = [entry.parameter for entry in self.parameters if entry.verdict]
         events = [entry.label for entry in self.events if entry.verdict]
         doubt = wrapped(f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}.", 4)
