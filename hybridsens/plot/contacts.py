@@ -24,7 +24,10 @@ def contact_forces(scene: AbstractScene, trajectory: Trajectory):
     """
     must_be_sampled(trajectory)
     if has_switches(scene):
-        raise NotImplementedError("The forces of held contacts are not known for a scene with switches of its own.")
+        raise NotImplementedError(
+            "The forces of held contacts are not known for a scene with switches of its own. Its states are drawn by "
+            "`plot_trajectory`, and its gaps are jax.vmap(scene.gap)(motion.ts, motion.q)."
+        )
     t, q, v = with_events(trajectory)
     active = _closed(scene, t, q)
     forces = jax.vmap(lambda t, q, v, active: multipliers(scene, t, q, v, active))(jnp.asarray(t), q, v, active)
