@@ -58,10 +58,9 @@ class Status(eqx.Module):
         "Tighten `rtol` and `atol`, leave this parameter value out, or accept it with `throw=False`."
     )
     guard_jumps = outcome(
-        "the motion reached its end, but an event came where its guard jumps below zero (the load of a held contact "
-        "may, where a gap is curved of a sudden). Values are right; derivatives are not, since nothing tells how that "
-        "place moves. Declare a time by `jump_ts`; for a place write an event that falls there (in a scene a switch of "
-        "an `AbstractSwitchedScene`). Where no derivative is wanted, set `known_discontinuities = True`."
+        "the motion reached its end, but an event came where its guard jumps below zero. Values are right; derivatives "
+        "are not, since nothing tells how that place moves. Declare a time by `jump_ts`; for a place write a guard "
+        "that falls there. Where no derivative is wanted, set `known_discontinuities = True`."
     )
     event_repeats = outcome(
         "an event happened again at the instant at which it had just happened, and would for ever. Where switches "

@@ -31,5 +31,10 @@ add_remark(
     "In a mechanical scene a contact would stay closed: if the scene sets `sustained_contact = False`, set it to True; "
     "otherwise the laws of contact have no solution there.",
 )
+add_remark(
+    Status.guard_jumps,
+    "In a mechanical scene the load of a held contact jumps, as where the curvature of its gap does; a switch of an "
+    "`AbstractSwitchedScene` marks such a place.",
+)
 add_remark(Status.non_finite, "In a mechanical scene the flow comes from force and mass matrix, and guards from gaps.")
 add_remark(Status.bad_tolerance, "In a mechanical scene `capture_speed` must lie in [0, 1).")
