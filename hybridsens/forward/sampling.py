@@ -27,12 +27,14 @@ def past_coincidences(system: AbstractFlatSystem, motion: Motion, ts: Float[Arra
     if system.jump_times() is None:
         return ts
     rows, steps = motion.events.rows, motion.steps
-    passed = jnp.arange(motion.events.steps.shape[0]) < motion.events.count
     jump = is_jump(rows.guard)
+    # How many jump times, and how many events, there are up to each row: a sample need not look at every row.
+    up_to = [jnp.cumsum(jnp.append(0, kind)) for kind in (jump, ~jump & ~rows.decision.silent)]
 
     def moved(t):
-        near = passed & (jnp.abs(rows.states.time - t) <= jump_window(t))
-        coincide = jnp.any(near & jump) & jnp.any(near & ~jump & ~rows.decision.silent)
+        first = jnp.searchsorted(rows.states.time, t - jump_window(t))
+        beyond = jnp.searchsorted(rows.states.time, t + jump_window(t), side="right")
+        coincide = jnp.all(jnp.stack([count[beyond] > count[first] for count in up_to]))
         last = jnp.searchsorted(steps.t, t + jump_window(t), side="right") - 1
         after = steps.t[jnp.clip(last, 0, steps.count)]
         return jnp.where(coincide, jnp.maximum(after - t, 0), 0)
