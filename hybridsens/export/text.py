@@ -88,5 +88,26 @@ def printed(module: eqx.Module) -> str:
 def _with_numbers(leaf: Any) -> Any:
     if isinstance(leaf, jax.core.Tracer) or not isinstance(leaf, jax.Array | np.ndarray) or leaf.size > SMALL:
         return leaf
-    text = np.array2string(np.asarray(leaf), precision=6, separator=", ", max_line_width=1000)
+    text = array_text(leaf, separator=", ", max_line_width=1000)
     return Numbers(" ".join(text.split()))
+
+
+def array_text(array: Any, **options: Any) -> str:
+    """An array with six decimals, each number written by itself: one that is tiny would put all into powers of ten."""
+    return np.array2string(np.asarray(array), formatter={"float_kind": _number}, **options)
+
+
+_NOTHING = 1e-100
+"""What is smaller, such as the 2e-229 that a decay leaves, is 0 to all who read."""
+_PLAIN = 1e-3, 1e8
+"""Numbers between these are written without a power of ten."""
+
+
+def _number(x: np.floating) -> str:
+    if abs(x) < _NOTHING:
+        return "0."
+    if not np.isfinite(x):
+        return str(x)
+    if _PLAIN[0] <= abs(x) < _PLAIN[1]:
+        return np.format_float_positional(x, precision=6, trim=".")
+    return np.format_float_scientific(x, precision=6, trim=".")

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .text import Numbers
+from .text import Numbers, array_text
 
 
 def named_leaves(name: str, tree: Any) -> dict[str, np.ndarray]:
@@ -57,6 +57,5 @@ def restored(outline: Any, arrays: Mapping[str, Any]) -> Any:
 
 def as_text(tree: Any) -> str:
     """The tree as a text in which arrays are their numbers."""
-    with np.printoptions(precision=6, suppress=False, threshold=8, edgeitems=2):
-        # str() of a single number would show all of its digits.
-        return str(jax.tree.map(lambda leaf: Numbers(np.array2string(np.asarray(leaf))), tree))
+    # str() of a single number would show all of its digits.
+    return str(jax.tree.map(lambda leaf: Numbers(array_text(leaf, threshold=8, edgeitems=2)), tree))

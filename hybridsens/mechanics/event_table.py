@@ -7,7 +7,7 @@ import jax.core
 import numpy as np
 
 from ..export.names import contact_names
-from ..export.text import rows_shown
+from ..export.text import array_text, rows_shown
 from ..export.trees import as_text
 from ..status import Status
 from ..validation.nan_given import nan_among
@@ -75,8 +75,7 @@ def _after(events: Any, j: int) -> str:
 
 
 def state_text(state: State) -> str:
-    with np.printoptions(precision=6, suppress=False):
-        return f"q = {np.asarray(state.q)}, v = {np.asarray(state.v)}"
+    return f"q = {array_text(state.q)}, v = {array_text(state.v)}"
 
 
 def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: Any) -> str:

@@ -198,6 +198,6 @@ class Trajectory(eqx.Module):
         yield f"status: {self.status}"
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:
-            yield f"cost: {self.cost}"
+            yield f"cost: {as_text(self.cost)}"
         if self.scene_mode is not None:
             yield f"mode: {as_text(self.scene_mode)}"

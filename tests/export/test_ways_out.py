@@ -73,6 +73,15 @@ def test_a_print_has_the_names_of_contacts_and_the_numbers_of_parameters(motion)
     assert "f64[]" in traced[0]
 
 
+def test_a_print_is_not_spoilt_by_a_tiny_number(motion):
+    """Each number is written by itself, what is left of a decay is 0, and a cost of any structure shows its numbers."""
+    tiny = np.array([0.5, 6.6e-229, -2.5e-17, 12345.678])
+    printed = str(eqx.tree_at(lambda m: (m.final.q, m.final.v), motion, (tiny, -tiny))).splitlines()
+    assert printed[-1] == "final: q = [0.5 0. -2.5e-17 12345.678], v = [-0.5 0. 2.5e-17 -12345.678]"
+    assert "Array" not in next(line for line in printed if line.startswith("cost: "))
+    assert repr(hs.State(tiny[:2], np.array([np.nan, 1e9]))) == "State(q=[0.5, 0.], v=[nan, 1.e+09])"
+
+
 def test_a_status_is_printed_with_its_name(motion):
     """By which the reference lists it; a batch by how many have each of them, and a motion as its status."""
     short = hs.Status.max_events_reached
