@@ -4,6 +4,7 @@ Bounds are kept by a transformation that is flat on them (`parameters.py`), so t
 its own measures of convergence do not see that it has arrived. They are asked anew, by the parameters themselves."""
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..numerics.sample_times import with_room
 from .data import Measurements
 from .descend import UNFINISHED, Run, event_sequence
 from .growing import Growing
@@ -53,8 +55,16 @@ def build_result(
         history=[line for descent in descents for line in descent.history],
         stopped="converged" if arrived else last.stopped,
         sequence_start=event_sequence(event_rows(predict(problem, guess)[0])), sequence_end=last.end, data=data,
-        trajectory=trajectory, predictions=np.asarray(predictions), starts=starts,
+        trajectory=trajectory, predictions=np.asarray(predictions),
+        horizon=(float(problem.t0), float(problem.horizon)), starts=starts,
+        again=functools.partial(_at_other_times, problem, last.z),
     )  # fmt: skip
+
+
+def _at_other_times(problem: Problem, z, times: Float[Array, "sample"]) -> Float[np.ndarray, "sample observation"]:
+    """What the motion at z shows then."""
+    asked = eqx.tree_at(lambda p: p.data.times, problem, with_room(times))
+    return np.asarray(predict(asked, z)[1])[: times.shape[0]]
 
 
 def _knowledge(problem: Problem, data: Measurements, values, r, jacobian, held) -> Uncertainty:

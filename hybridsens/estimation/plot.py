@@ -6,13 +6,18 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..plot.figure import new_figure
+from ..plot.figure import ABOVE, new_figure, whole_ticks
+from ..system import AbstractHybridSystem
+
+_DENSE = 450
+"""Times at which the fitted motion is drawn: with two for each event still fewer than 512, for which it compiles."""
 
 
 def plot_fit(result: Any) -> Figure:
     """A figure of a `FitResult`: data and fit with the events marked, residuals, and the loss at every iteration."""
     figure = new_figure((8, 9))
     above, middle, below = figure.subplots(3, 1)
+    middle.sharex(above)
     _plot_data(above, result)
     _plot_residuals(middle, result)
     _plot_convergence(below, result)
@@ -20,14 +25,26 @@ def plot_fit(result: Any) -> Figure:
 
 
 def _plot_data(axes: Any, result: Any) -> None:
-    data = result.data
+    data, times = result.data, _dense_times(result)
+    fitted = result.predict(times) if data.names else result.predictions
     for i, name in enumerate(data.names):
-        line = axes.plot(data.times, result.predictions[:, i], label=f"{name}, fit")[0]
-        axes.plot(data.times, data.values[:, i], ".", color=line.get_color(), alpha=0.5, label=f"{name}, measured")
+        line = axes.plot(times, fitted[:, i], linewidth=1.0, label=name)[0]
+        axes.plot(data.times, data.values[:, i], ".", color=line.get_color(), alpha=0.5)
     _mark_events(axes, result)
-    axes.set(xlabel="t [s]", title="data and fit; dashed lines are events")
-    if data.names:
-        axes.legend()
+    _label(axes, _time(result), "data (dots) and fit (lines); dashed lines are events", len(data.names))
+
+
+def _dense_times(result: Any) -> np.ndarray:
+    """Close to each other, and on both sides of every event: a line through the times measured would cut its corner."""
+    start, end = result.horizon
+    events = _event_times(result)
+    before = events - 1e-9 * (end - start)
+    return np.unique(np.clip(np.concatenate([np.linspace(start, end, _DENSE), events, before]), start, end))
+
+
+def _time(result: Any) -> str:
+    """Scenes count in seconds, systems in what they like."""
+    return "time" if isinstance(result.scene, AbstractHybridSystem) else "time [s]"
 
 
 def _plot_residuals(axes: Any, result: Any) -> None:
@@ -37,8 +54,8 @@ def _plot_residuals(axes: Any, result: Any) -> None:
         axes.plot(result.data.event_times, result.event_residuals, "x", label="event times")
     axes.axhline(0, color="black", linewidth=0.8)
     _mark_events(axes, result)
-    axes.set(xlabel="t [s]", title="residuals (model - measurement)")
-    axes.legend()
+    shown = len(result.data.names) + bool(result.event_residuals.size)
+    _label(axes, _time(result), "residuals (model - measurement)", shown)
 
 
 def _plot_convergence(axes: Any, result: Any) -> None:
@@ -50,12 +67,23 @@ def _plot_convergence(axes: Any, result: Any) -> None:
         first = end
     changed = [i for i, line in enumerate(result.history) if line.sequence_changed]
     axes.semilogy(changed, loss[changed], "o", fillstyle="none", color="C1", label="event sequence changed")
-    axes.set(xlabel="evaluation", title="loss, stage by stage")
-    if changed:
-        axes.legend()
+    axes.xaxis.set_major_locator(whole_ticks())
+    _label(axes, "evaluation", "loss, stage by stage", len(changed))
+
+
+def _label(axes: Any, below: str, title: str, named: int) -> None:
+    """What is drawn, to the left, and names beside it, where they cover nothing."""
+    axes.set_xlabel(below)
+    axes.set_title(title, loc="left", fontsize="medium")
+    if named:
+        axes.legend(ncols=min(named, 4), **ABOVE)
 
 
 def _mark_events(axes: Any, result: Any) -> None:
-    events = result.trajectory.events
-    for time in np.asarray(events.time)[: int(events.count)]:
+    for time in _event_times(result):
         axes.axvline(time, color="gray", linestyle="--", linewidth=0.8)
+
+
+def _event_times(result: Any) -> np.ndarray:
+    events = result.trajectory.events
+    return np.asarray(events.time)[: int(events.count)]

@@ -7,6 +7,7 @@ import numpy as np
 from scipy import stats
 
 from ..export.names import contact_names
+from ..system import AbstractHybridSystem
 from .descend import UNFINISHED, EventSequence
 
 _BARELY = 0.9
@@ -109,9 +110,10 @@ def _doubts(result: Any) -> Iterator[str]:
             "there are no intervals: give `sigma`"
         )
     yield from _unexplained(result)
+    unit = "" if isinstance(result.scene, AbstractHybridSystem) else " s"
     for number in result.events_missing:
         yield (
-            f"measured event {number} (at {result.data.event_times[number]:.6g} s) is not in the fitted motion: it "
+            f"measured event {number} (at {result.data.event_times[number]:.6g}{unit}) is not in the fitted motion: it "
             "counts as if at the end of the horizon, and no derivative shows the way to it"
         )
     for i, (name, correlation) in enumerate(result.residual_correlation.items()):

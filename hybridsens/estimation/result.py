@@ -1,15 +1,20 @@
 """What a fit returns: also as an xarray Dataset of parameters with their errors, data with residuals, the history."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from ..export.datasets import optional, write_netcdf
 from ..export.text import preformatted
 from ..mechanics.trajectory import Trajectory
+from ..numerics.sample_times import must_lie_within
 from ..solution import Solution
+from ..system import AbstractHybridSystem
 from .data import Measurements
 from .descend import INTERRUPTED, EventSequence, Iteration
 from .plot import plot_fit
@@ -60,8 +65,23 @@ class FitResult(eqx.Module):
     """The fitted motion, at the times measured."""
     predictions: np.ndarray
     """(sample, observation) what the fitted motion shows there, also where nothing was measured."""
+    horizon: tuple[float, float]
+    """Where the fitted motion begins and ends."""
     starts: Starts | None
     """What became of many starts, if there were any."""
+    again: Callable[..., np.ndarray] = eqx.field(repr=False)
+    """The same motion for other times; `predict` asks it."""
+
+    def predict(self, times: ArrayLike | Sequence) -> np.ndarray:
+        """(time, observation) what the fitted motion shows at other times of its horizon, in any order. The first call
+        compiles; the number of times is rounded up inside, so that few numbers of them compile anew.
+
+        Raises: ValueError for times outside of the horizon, which ends with the data unless `t1` was given."""
+        asked = np.atleast_1d(np.asarray(times, float))
+        order = np.argsort(asked)
+        ordered = jnp.asarray(asked[order])
+        must_lie_within(ordered, *self.horizon)
+        return self.again(ordered)[np.argsort(order)]
 
     @property
     def covariance(self) -> np.ndarray:
@@ -138,10 +158,11 @@ class FitResult(eqx.Module):
         over (`time`, `observation`), the history over `iteration`. Raises: ImportError without xarray."""
         xarray = optional("xarray", "to_xarray()", "fit")
         data, pair = self.data, ("time", "observation")
+        seconds = {} if isinstance(self.scene, AbstractHybridSystem) else {"units": "s"}
         coords = {
             "parameter": list(self.labels),
             "other": list(self.labels),
-            "time": ("time", np.asarray(data.times), {"units": "s"}),
+            "time": ("time", np.asarray(data.times), seconds),
             "observation": list(data.names),
         }
         variables: dict[str, Any] = {
@@ -149,8 +170,8 @@ class FitResult(eqx.Module):
             "measured": (pair, data.values),
             "predicted": (pair, self.predictions),
             "residual": (pair, self.residuals, {"long_name": "predicted less measured"}),
-            "event_time": ("event", data.event_times, {"units": "s", "long_name": "measured time of an impact"}),
-            "event_residual": ("event", self.event_residuals, {"units": "s"}),
+            "event_time": ("event", data.event_times, seconds | {"long_name": "measured time of an event"}),
+            "event_residual": ("event", self.event_residuals, seconds),
             "loss": ("iteration", np.array([line.loss for line in self.history])),
             "gradient_norm": ("iteration", np.array([line.gradient_norm for line in self.history])),
         }

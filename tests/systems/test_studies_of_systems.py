@@ -102,6 +102,8 @@ def test_a_fit_of_a_system(seen):
     assert_close(found.values, np.array([truth[name] for name in fitted]), 1e-6)
     assert found.sequence_end[:3] == (("event", 0),) * 3
     assert "low" in str(found)
+    assert found.plot().axes[0].get_xlabel() == "time"  # hours, as it happens
+    assert "units" not in found.to_xarray().time.attrs
 
 
 def test_growth_of_a_system():
