@@ -1,0 +1,28 @@
+"""The picture of a fit, and what the fitted motion shows between the measurements."""
+
+import numpy as np
+import pytest
+
+
+def test_the_plot_shows_data_residuals_and_loss(near):
+    """Assert that the figure has three panels, with a dashed line for each of the 5 events."""
+    above, _, _ = near.plot().axes
+    assert sum(line.get_linestyle() == "--" for line in above.lines) == 5
+    assert above.get_xlabel() == "time [s]"
+
+
+def test_the_plot_s_line_goes_through_the_impacts(near):
+    """Between the times measured a straight line would cut them: the fitted mass never goes beyond its stop, and is
+    drawn at the stop at each of the 5 impacts."""
+    line = near.plot().axes[0].lines[0]
+    time, place = line.get_data()
+    np.testing.assert_allclose(place[np.isin(time, near.trajectory.events.time[:5])], near.scene.distance, rtol=1e-7)
+    assert place.max() <= near.scene.distance + 1e-7 and time.size > 400
+
+
+def test_what_a_fit_predicts_at_other_times(near):
+    """Assert that it is what it shows at the times measured, in any order, and that other times are refused."""
+    shown = near.predict(near.data.times[::-1])
+    np.testing.assert_allclose(shown[::-1], near.predictions, rtol=1e-7, atol=1e-9)
+    with pytest.raises(ValueError, match="Times must lie within"):
+        near.predict([near.horizon[1] + 1.0])
