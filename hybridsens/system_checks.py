@@ -31,7 +31,9 @@ def _real(leaf) -> jax.Array:
     except (TypeError, ValueError, OverflowError) as error:
         raise TypeError(f"`x0` must hold real numbers, but has a leaf {type(leaf).__name__}.") from error
     if not jnp.issubdtype(array.dtype, jnp.floating):
-        raise TypeError(f"`x0` must hold real numbers, but has a leaf of type {array.dtype}.")
+        whole = ": what counts belongs into the mode, and what flows is a float, 1.0 in place of 1"
+        remedy = whole if jnp.issubdtype(array.dtype, jnp.integer) else ""
+        raise TypeError(f"`x0` must hold real numbers, but has a leaf of type {array.dtype}{remedy}.")
     return array
 
 

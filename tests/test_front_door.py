@@ -151,10 +151,10 @@ UNTRACEABLE: dict[str, Callable] = {
 @pytest.mark.parametrize("function", UNTRACEABLE.values(), ids=UNTRACEABLE)
 @pytest.mark.parametrize("name", ["force", "gap", "running_cost"])
 def test_a_function_that_cannot_be_traced_is_named(name, function):
-    """With the remedy, instead of the tracer's own words."""
+    """With the remedy, in a sentence of its own behind the tracer's words."""
     scene = AnyScene(lambda asked, usual: function(usual) if asked == name else usual)
     cost = {"running_cost": lambda scene, t, q, v: function(q)} if name == "running_cost" else {}
-    with pytest.raises(TypeError, match=f"`{name}` must be a function that JAX can trace.*jax.numpy"):
+    with pytest.raises(TypeError, match=f"`{name}` must be a function that JAX can trace.*[^.][.] Use jax.numpy"):
         hs.simulate(scene, START, t1=1.0, **cost)
 
 

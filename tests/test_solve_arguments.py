@@ -3,6 +3,7 @@
 import diffrax
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import hybridsens as hs
@@ -66,6 +67,12 @@ def test_the_ends_of_a_motion_in_single_precision_lie_within_it():
 def test_jump_times_that_are_none_are_refused(times, message, unchecked):
     with pytest.raises(ValueError, match=message):
         hs.solve(Oscillator(jnp.array(1.0)), jnp.array([1.0, 0.0]), 0, t1=1.0, jump_ts=times)
+
+
+def test_whole_numbers_of_a_state_are_told_where_they_belong():
+    """An array of them is a counter, or was meant as floats; a plain number of Python is one."""
+    with pytest.raises(TypeError, match="`x0` .* of type int32: what counts belongs into the mode.* 1.0 in place of 1"):
+        hs.solve(Oscillator(jnp.array(1.0)), np.array([1, 0], np.int32), 0, t1=1.0)
 
 
 def test_closed_over_values_are_differentiated():

@@ -53,11 +53,16 @@ def demo(
 
 def _print(name: str, scene: Any, shown: Demonstration) -> None:
     console = Console(width=WIDTH, highlight=False)
-    about = text(type(scene))
+    about = _unwrapped(text(type(scene)))
     console.print(f"{name}: {about}\n" if about else f"{name}\n", markup=False)
     _print_events(console, scene, shown.trajectory)
     _print_gradients(console, shown)
     _print_timings(console, shown)
+
+
+def _unwrapped(text: str) -> str:
+    """Paragraphs without the line ends of the source, which a terminal of another width would wrap a second time."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
 
 
 def _events(motion: Trajectory | Solution) -> list[dict[str, Any]]:
@@ -120,9 +125,9 @@ def _print_gradients(console: Console, shown: Demonstration) -> None:
     off = abs(shown.naive_cost - shown.cost) / abs(shown.cost)
     print(f"J = int running_cost dt = {shown.cost:.10g} (naive loop: {shown.naive_cost:.6g}, off by {off:.1e})")
     print("dJ/dtheta, with errors relative to the largest entry of the differences:")
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(box=SIMPLE_HEAD, padding=0)  # columns are a place apart; names of 23 letters fit in
     for heading in ("parameter", "jump adjoint", "differences", "error", "naive autodiff", "error"):
-        table.add_column(heading, justify="left" if heading == "parameter" else "right")
+        table.add_column(heading, justify="left" if heading == "parameter" else "right", overflow="fold")
     errors = [relative_errors(values, shown.differences) for values in (shown.adjoint, shown.naive)]
     for i, name in enumerate(shown.names):
         mark = "*" if shown.one_sided[i] else " "

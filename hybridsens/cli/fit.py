@@ -34,8 +34,9 @@ def fit(
             callback=file_to_write, help="JSON file that keeps the best values at any time; a fit goes on from it."
         ),
     ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(callback=picture_to_write, help="Picture of data, fit and residuals to write.")
+    output: Annotated[
+        Path | None,
+        typer.Option(callback=picture_to_write, help="Picture of data, fit and residuals: .png, .pdf, .svg."),
     ] = None,
     quiet: Annotated[bool, typer.Option(help="Print the result alone, no iterations.")] = False,
     json: Json = False,
@@ -64,9 +65,9 @@ def fit(
         print_json(_summary(result))
     else:
         print(result)
-    if plot is not None:
-        result.plot().savefig(plot, dpi=120)
-        print(f"picture: {plot}", file=sys.stderr if json else sys.stdout)
+    if output is not None:
+        result.plot().savefig(output, dpi=120)
+        print(f"picture: {output}", file=sys.stderr if json else sys.stdout)
     if not result.converged:
         raise typer.Exit(1)
 

@@ -37,7 +37,7 @@ EXAMPLES = {
     "fit": [
         "hybridsens fit pendulum-wall --data angles.csv --parameters damping,wall",
         "hybridsens fit path/to/file.py:MyScene --data record.csv --sigma 0.005 \\",
-        "    --parameters mass,e --guess e=0.7 --bound e=0:1 --plot fit.png",
+        "    --parameters mass,e --guess e=0.7 --bound e=0:1 --output fit.png",
     ],
     "sweep": [
         "hybridsens sweep elastic-stop --output maps.zarr --plot maps.png \\",

@@ -9,6 +9,7 @@ import typer
 from ..validation.spelling import did_you_mean
 from .models import HELP, complete, runnable
 from .options import by_name, file_to_write, picture_to_write
+from .scenes import parameter_texts
 
 
 def _output(path: Path) -> Path:
@@ -44,8 +45,9 @@ def sweep(
     ] = None,
     t1: Annotated[float | None, typer.Option(help="End of the horizon. Default: the scene's own.")] = None,
     tolerance: Annotated[float, typer.Option(help="Relative and absolute tolerance of the integration.")] = 1e-8,
-    max_events: Annotated[int, typer.Option(help="Room for events at each point.")] = 64,
-    max_steps: Annotated[int, typer.Option(help="Room for steps at each point.")] = 2048,
+    events: Annotated[int, typer.Option(help="How many of the first events of each point are written.")] = 8,
+    max_events: Annotated[int, typer.Option(help="Room for events at each point.")] = 256,
+    max_steps: Annotated[int, typer.Option(help="Room for steps at each point.")] = 4096,
     chunk: Annotated[int, typer.Option(help="Points run and written at once.")] = 8192,
 ) -> None:
     """Run a scene at many points on all cores: J, its gradient, status and events of each."""
@@ -60,7 +62,8 @@ def sweep(
         _check_map(chosen)
     cost = _cost(nominal.t1 if t1 is None else t1, tolerance, max_events, max_steps)
     store = output if output.suffix == ".zarr" else None
-    dataset = run_sweep(cost, chosen, store=store, chunk=chunk)
+    units = {row.name: row.unit for row in parameter_texts(nominal) if row.unit}
+    dataset = run_sweep(cost, chosen, events=events, store=store, chunk=chunk, units=units)
     if store is None:
         write_netcdf(dataset, output)
     print(f"results: {output}")

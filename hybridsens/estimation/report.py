@@ -30,10 +30,7 @@ def remarks(result: Any) -> list[str]:
 
 
 def _head(result: Any) -> Iterator[str]:
-    yield (
-        f"fit {result.stopped} after {result.iterations} iterations: loss {result.history[0].loss:.6g} -> "
-        f"{result.loss:.6g}, gradient norm {result.history[-1].gradient_norm:.3g}"
-    )
+    yield f"fit {result.stopped} after {_way(result)}, gradient norm {result.history[-1].gradient_norm:.3g}"
     known, heard = (int(np.sum(np.isfinite(r))) for r in (result.residuals, result.event_residuals))
     yield (
         f"{known} observation{'' if known == 1 else 's'}, {heard} event time{'' if heard == 1 else 's'}; "
@@ -49,9 +46,17 @@ def _head(result: Any) -> Iterator[str]:
         near = int(np.sum(loss <= 1.01 * loss.min()))
         took = np.asarray(result.starts.iterations)
         yield (
-            f"{loss.size} starts of {took.min()} to {took.max()} steps before: {near} ended within 1 % of the best "
+            f"{loss.size} starts of {took.min()} to {took.max()} iterations: {near} ended within 1 % of the best "
             f"loss, {int(np.sum(np.isinf(loss)))} failed"
         )
+
+
+def _way(result: Any) -> str:
+    """How many iterations it took, and from where to where; of several starts, that of the best of them."""
+    if result.starts is None:
+        return f"{result.iterations} iterations: loss {result.history[0].loss:.6g} -> {result.loss:.6g}"
+    took = int(result.starts.iterations[np.argmin(result.starts.loss)])
+    return f"{took} iterations from the best start and {result.iterations} more: loss {result.loss:.6g}"
 
 
 def _advice(result: Any) -> str:

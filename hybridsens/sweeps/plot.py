@@ -49,10 +49,15 @@ def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> N
     logarithmic = logarithmic and bool(np.any(values.values > 0))
     edges = _edges(values[x].values), _edges(values[y].values)
     drawn = np.ma.masked_invalid(values.values.T.astype(float))
-    mesh = axes.pcolormesh(*edges, drawn, norm=LogNorm() if logarithmic else None, rasterized=True)
     whole = np.issubdtype(values.dtype, np.integer) or values.name == "event_count"
-    ticks = _log_ticks(drawn[drawn > 0].compressed()) if logarithmic else whole_ticks() if whole else None
-    bar = axes.figure.colorbar(mesh, ax=axes, ticks=ticks, format="%.3g" if logarithmic else None)
+    norm, ticks, extend = None, whole_ticks() if whole else None, "neither"
+    if logarithmic:
+        positive = drawn[drawn > 0].compressed()
+        norm, ticks = LogNorm(positive.min(), positive.max()), _log_ticks(positive)
+        if (drawn == 0).any():  # no failed point, which is blank: it lies below all others
+            drawn, extend = np.ma.where(drawn == 0, positive.min() / 2, drawn), "min"
+    mesh = axes.pcolormesh(*edges, drawn, norm=norm, rasterized=True)
+    bar = axes.figure.colorbar(mesh, ax=axes, ticks=ticks, format="%.3g" if logarithmic else None, extend=extend)
     bar.minorticks_off()
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel(_label(values[x]))

@@ -51,9 +51,9 @@ def _told(asked: Asked, note: str) -> Iterator[None]:
     try:
         yield
     except jax.errors.JAXTypeError as error:
-        reason = str(error).split("\n")[0]
+        reason = str(error).split("\n")[0].rstrip(".")
         raise TypeError(
-            f"`{asked.name}` must be a function that JAX can trace, but is not: {reason} Use jax.numpy in place of "
+            f"`{asked.name}` must be a function that JAX can trace, but is not: {reason}. Use jax.numpy in place of "
             "NumPy and math, and jnp.where or jax.lax.cond in place of `if`."
         ) from error
     except Exception as error:

@@ -57,6 +57,7 @@ def test_demo_shows_a_right_gradient_beside_a_wrong_one(shown, monkeypatch, tmp_
     assert run(["demo", "--output", "motion.png"]) == 0
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= 80
+    assert "restitution_coefficient " in printed  # whole
     assert run(["demo", "--output", "motion.svg", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     stiffness = next(entry for entry in found["gradient"] if entry["name"] == "stiffness")
@@ -97,6 +98,11 @@ def test_demo_shows_a_hybrid_system(tmp_path, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+def test_demo_wraps_what_a_class_says_once():
+    """Paragraphs stay, the line ends of the source go."""
+    assert demo._unwrapped("One\nline.\n\nAnother\n  one.") == "One line.\n\nAnother one."
+
+
 def test_scenes_lists_every_scene_with_a_line(capsys):
     """Each name that `demo` takes stands at the start of a line that says what the scene is."""
     assert run(["scenes"]) == 0
@@ -123,8 +129,8 @@ def _not_reached(*given, **named):
         (["compare", "--csv", "no/x.csv"], "--csv': must lie in a folder that exists"),
         (["work-precision", "--output", "no/x.png"], "--output': must lie in a folder that exists"),
         (["work-precision", "--store", "no/x.csv"], "--store': must lie in a folder that exists"),
-        ([*FIT, "--plot", "no/x.png"], "--plot': must lie in a folder that exists"),
-        ([*FIT, "--plot", "picture"], "picture must end in one of"),
+        ([*FIT, "--output", "no/x.png"], "--output': must lie in a folder that exists"),
+        ([*FIT, "--output", "picture"], "picture must end in one of"),
         ([*FIT, "--guess", "mass=1", "--guess", "mass=2"], "--guess must have each name once, but has 'mass'"),
         ([*FIT, "--bound", "mass=0:1", "--bound", "mass=0:2"], "--bound must have each name once, but has 'mass'"),
         ([*SWEEP, "--output", "no/x.nc"], "--output': must lie in a folder that exists"),

@@ -23,7 +23,7 @@ def test_a_scene_of_one_s_own_is_fitted_from_a_file(tmp_path, capsys):
     )
     fit(f"{module}:Own", RECORD, "distance,restitution_coefficient",
         guess=["distance=0.61", "restitution_coefficient=0.78"],
-        robust=2.0, skip_missing=True, plot=tmp_path / "fit.png")  # fmt: skip
+        robust=2.0, skip_missing=True, output=tmp_path / "fit.png")  # fmt: skip
     printed = capsys.readouterr().out
     values = {
         line.split()[0]: float(line.split()[2]) for line in printed.splitlines() if line.startswith(("dist", "rest"))

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from hybridsens.estimation.report import _directions
+from hybridsens.estimation.report import _directions, _way
 from hybridsens.estimation.uncertainty import weak_directions
 
 LABELS = ("log_ka", "log_cl")
@@ -35,3 +35,12 @@ def test_a_direction_of_several_parameters_still_is():
     """Two parameters of which only the sum is known."""
     remark, _ = said_of([1.0, 1.0], [[1.0, -0.99], [-0.99, 1.0]])
     assert remark.startswith("hardly determined (standard error 1.4 of relative change): log_")
+
+
+def test_several_starts_tell_the_way_of_the_best():
+    """The descent goes on from there, and often has nothing left to do."""
+    starts = SimpleNamespace(loss=np.array([3.0, 0.5, np.inf]), iterations=np.array([4, 11, 0]))
+    fitted = SimpleNamespace(starts=starts, iterations=0, loss=0.5, history=[SimpleNamespace(loss=0.5)])
+    assert _way(fitted) == "11 iterations from the best start and 0 more: loss 0.5"
+    fitted.starts = None
+    assert _way(fitted) == "0 iterations: loss 0.5 -> 0.5"

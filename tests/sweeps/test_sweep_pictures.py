@@ -1,5 +1,7 @@
 """Maps and diagrams show what the sweep found, and the command line makes them."""
 
+import inspect
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -26,6 +28,17 @@ def test_a_map_of_unsorted_values_is_that_of_sorted_ones():
     cells = plot_sweep(found).axes[0].collections[0]
     np.testing.assert_array_equal(cells.get_array().reshape(2, 3), [[11, 21, 31], [12, 22, 32]])
     np.testing.assert_array_equal(cells.get_coordinates()[0, :, 0], [0.5, 1.5, 2.5, 3.5])
+
+
+def test_a_derivative_of_zero_is_no_failed_point():
+    """Assert that a failed point alone is blank, and that a zero has the colour below all others."""
+    values = xr.DataArray([[np.nan, 0.0], [0.5, 2.0]], {"a": [1.0, 2.0], "b": [1.0, 2.0]}, ("a", "b"), "dJ_da")
+    axes = Figure().subplots()
+    draw_map(axes, values, logarithmic=True)
+    (cells,) = axes.collections
+    colours = cells.to_rgba(cells.get_array().reshape(2, 2).T)
+    assert [[colour[3] > 0 for colour in row] for row in colours] == [[False, True], [True, True]]
+    assert colours[0, 1].tolist() == colours[1, 0].tolist() != colours[1, 1].tolist()
 
 
 def test_a_map_shows_value_both_derivatives_and_needs_two_parameters():
@@ -86,14 +99,23 @@ def test_the_command_writes_a_dataset_and_a_picture(tmp_path, capsys):
 
     output, picture = tmp_path / "sweep.nc", tmp_path / "map.png"
     vary = ["amplitude=0.5:1.5:3", "frequency=1.2:1.4:2"]
-    command("elastic-stop", vary, output, plot=picture, t1=5.0, max_events=8, max_steps=256)
+    command("elastic-stop", vary, output, plot=picture, t1=5.0, events=3, max_events=8, max_steps=256)
     stop = ElasticStop(amplitude=1.5, frequency=1.2)
     trajectory = hybridsens.simulate(
         stop, stop.initial_state(), t1=5.0, running_cost=lambda s, t, q, v: q @ q, max_events=8, max_steps=256
     )
     with xr.open_dataset(output) as found:
         np.testing.assert_allclose(found.J.sel(amplitude=1.5, frequency=1.2), trajectory.cost, rtol=1e-12)
+        assert found.amplitude.attrs["units"] == "N" and found.sizes["event"] == 3
     assert picture.stat().st_size > 10_000 and "successful" in capsys.readouterr().out
+
+
+def test_the_command_has_the_room_of_a_simulation():
+    """Assert that a point which succeeds in Python does so in a terminal, where less room is asked for."""
+    from hybridsens.cli.sweep import sweep as command
+
+    defaults = [inspect.signature(of).parameters for of in (command, hybridsens.simulate)]
+    assert [[of[name].default for name in ("max_events", "max_steps")] for of in defaults] == [[256, 4096]] * 2
 
 
 @pytest.mark.parametrize(
