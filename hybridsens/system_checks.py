@@ -8,13 +8,14 @@ import jax
 import jax.numpy as jnp
 
 from .system import AbstractHybridSystem
-from .validation.asked import Asked
+from .validation.asked import Asked, is_method, kind_of
 from .validation.lost_derivatives import hides_tracers, method_of, undifferentiated, warn_of_mode_after
 from .validation.returned import must_be_pair, must_have_shape, must_match, outcome, returned_array, returned_leaves
 
 
 def state_as_arrays(x0) -> tuple[Any, Any]:
     """The state with arrays for leaves, and their one type. Raises: TypeError where a leaf is no real number."""
+    _must_be_called("x0", x0)
     leaves, tree = jax.tree.flatten(x0)
     if not leaves:
         raise TypeError(f"`x0` must hold real numbers, but is {x0!r}.")
@@ -23,6 +24,12 @@ def state_as_arrays(x0) -> tuple[Any, Any]:
         raise TypeError(f"`x0` must hold real numbers, but its arrays are empty: {x0!r}.")
     dtype = jnp.result_type(*arrays)
     return tree.unflatten([array.astype(dtype) for array in arrays]), dtype
+
+
+def _must_be_called(name: str, given: Any) -> None:
+    """Raise TypeError for a method in the place of what it returns."""
+    if is_method(given):
+        raise TypeError(f"`{name}` must be a PyTree of arrays or numbers, but is {kind_of(given)}.")
 
 
 def _real(leaf) -> jax.Array:
@@ -39,6 +46,7 @@ def _real(leaf) -> jax.Array:
 
 def mode_as_arrays(mode) -> Any:
     """The mode with arrays for leaves, held constant. Raises: TypeError where a leaf cannot be one."""
+    _must_be_called("mode", mode)
 
     def array(leaf):
         try:

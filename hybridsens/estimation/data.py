@@ -202,17 +202,24 @@ def _sigmas(sigma: Any, y: np.ndarray) -> np.ndarray | None:
     except ValueError as error:
         raise ValueError(f"`sigma` must broadcast to shape {shape}, but has shape {s.shape}.") from error
     s[np.isnan(y)] = 1.0  # nothing was measured there, however exactly
-    if not np.all(s > 0) or not np.all(np.isfinite(s)):
-        raise ValueError("`sigma` must be positive and finite wherever there is a value, and is not.")
+    _must_be_positive("sigma", s, " wherever there is a value")
     return s
+
+
+def _must_be_positive(name: str, s: np.ndarray, where: str = "") -> None:
+    wrong = np.argwhere(~((s > 0) & np.isfinite(s)))
+    if wrong.size:
+        first = s[tuple(wrong[0])]
+        raise ValueError(
+            f"`{name}` must be positive and finite{where}, but is {first:g} at {_rows(np.unique(wrong[:, 0]))}."
+        )
 
 
 def _event_columns(events: np.ndarray, sigma: Any, contacts: Any) -> tuple[np.ndarray, np.ndarray]:
     if events.size and sigma is None:
         raise ValueError("`event_sigma` must be given with `event_times`: it says how times weigh against values.")
     s = np.broadcast_to(np.asarray(1.0 if sigma is None else sigma, float), events.shape).copy()
-    if not np.all(s > 0) or not np.all(np.isfinite(s)):
-        raise ValueError("`event_sigma` must be positive and finite, and is not.")
+    _must_be_positive("event_sigma", s)
     return s, np.broadcast_to(np.asarray(contacts, int), events.shape).copy()
 
 

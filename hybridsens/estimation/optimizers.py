@@ -9,6 +9,7 @@ import optax
 import optimistix
 from jaxtyping import Array
 
+from ..validation.spelling import did_you_mean
 from . import gradient_descent, least_squares
 from .least_squares import FAR
 from .problem import Outcome
@@ -60,7 +61,9 @@ def chosen_method(optimizer: Any) -> Method:
     """
     if isinstance(optimizer, str):
         if optimizer not in NAMES:
-            raise ValueError(f"`optimizer` must be one of {NAMES}, but is {optimizer!r}.")
+            raise ValueError(
+                f"`optimizer` must be one of {NAMES}, but is {optimizer!r}.{did_you_mean(optimizer, NAMES)}"
+            )
         optimizer = _by_name(optimizer)
     if isinstance(optimizer, optimistix.AbstractGaussNewton | optax.GradientTransformation):
         return Method(optimizer)

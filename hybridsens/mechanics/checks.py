@@ -13,7 +13,7 @@ from jax import lax
 from ..flat_system import START
 from ..numerics.tolerances import MOST_RELAXED, time_resolution
 from ..status import Status
-from ..validation.asked import Asked, kind_of
+from ..validation.asked import Asked, is_method, kind_of
 from ..validation.returned import must_have_shape, returned_array, returned_leaves
 from .contact import Instant, gap_and_rate
 from .mass import ConstantMass, is_positive_definite, mass_entries
@@ -36,7 +36,7 @@ def check_kinds(scene: Any, state: Any) -> None:
         elsewhere = ", a hybrid system: use hybridsens.solve" if hasattr(scene, "transition") else ""
         raise TypeError(f"`scene` must be a hybridsens.AbstractScene, but is {kind_of(scene)}{elsewhere}.")
     if not isinstance(state, State):
-        remedy = "." if isinstance(state, type) else ": use State(q, v)."
+        remedy = "." if isinstance(state, type) or is_method(state) else ": use State(q, v)."
         raise TypeError(f"`state` must be a hybridsens.State, but is {kind_of(state)}{remedy}")
 
 

@@ -78,10 +78,18 @@ class Asked(NamedTuple):
         return written if self.owner is None else f"{written} in {self.owner.__name__}"
 
 
+def is_method(value: Any) -> bool:
+    """Whether it is a method of an object; JAX takes one of a scene or a system for a tree of its parameters."""
+    return hasattr(value, "__func__")
+
+
 def kind_of(value: Any) -> str:
-    """What was given, in a word or two; a class where one of its instances may be meant."""
+    """What was given, in a word or two; a class where one of its instances may be meant, a method where its outcome
+    may."""
     if isinstance(value, type):
         return f"the class {value.__name__} itself: make one of it, {value.__name__}(...)"
+    if is_method(value):
+        return f"the method {value.__func__.__name__} itself: call it, {value.__func__.__name__}()"
     return "an array" if isinstance(value, jax.Array) else type(value).__name__
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from hybridsens.estimation import GrowingHorizon, fit, measurements, read_measurements
 from hybridsens.estimation.fit import check_limits, check_robust, check_strategy, chosen_starts
+from hybridsens.estimation.optimizers import chosen_method
 from hybridsens.estimation.parameters import select
 from hybridsens.estimation.prepare import Experiment, Unknowns, build_problem, prior
 from hybridsens.estimation.store import Store, study_digest
@@ -57,6 +58,7 @@ def test_priors_need_sigmas():
     ("check", "message"),
     [
         (lambda: by_name("bounds", (0, 1)), "`bounds` must be a mapping by names of parameters, but is tuple"),
+        (lambda: chosen_method("adm"), "`optimizer` must be one of .* but is 'adm'. Did you mean 'adam'"),
         (lambda: chosen_starts(2.0), r"`starts`, if it is not RandomStarts.*, must be an integer >= 1, but is 2.0"),
         (lambda: chosen_starts(0), "`starts`.* must be an integer >= 1, but is 0"),
         (lambda: check_strategy(GrowingHorizon), r"`strategy` must be a GrowingHorizon\(\) or None, but is the class"),

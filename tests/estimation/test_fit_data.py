@@ -122,6 +122,14 @@ def test_sigmas_of_columns_that_were_not_chosen_are_let_be():
     assert read_measurements(table, columns="sigma_v0").names == ("sigma_v0",)
 
 
+def test_a_sigma_that_is_none_is_shown_with_its_row():
+    """Assert that value and row are named, of values and of event times."""
+    with pytest.raises(ValueError, match="`sigma` must be positive .* but is -0.2 at row 1 "):
+        measurements([0.1, 0.2], [1.0, 2.0], sigma=[0.1, -0.2])
+    with pytest.raises(ValueError, match="`event_sigma` must be positive and finite, but is 0 at rows 0, 1 "):
+        measurements(event_times=[0.1, 0.2], event_sigma=0.0)
+
+
 def test_sigmas_may_be_given_by_name():
     """Each a number or a column, in any order; two rows of two columns are not mistaken for each other."""
     given = {"v0": [0.2, 0.3], "q0": 0.1}

@@ -127,10 +127,17 @@ def test_a_method_that_is_written_otherwise_is_told_how(base, name, method, mess
 
 
 RECORD = {"t": [0.1, 0.2], "q0": [0.9, 0.8]}
+BOUNCING, ROOM = hs.scenes.BouncingBall(), hs.systems.Thermostat()
 final = lambda ball, simulate: simulate(ball, START, t1=0.3)
 CALLS: dict[str, tuple[Callable[[], Any], str]] = {
     "state first": (lambda: hs.simulate(START, BALL, t1=0.3), "the other way round: write simulate"),  # type: ignore
     "a class": (lambda: hs.simulate(Ball, START, t1=0.3), r"is the class Ball itself: make one of it, Ball\(...\)"),  # type: ignore
+    "a method": (
+        lambda: hs.simulate(BOUNCING, BOUNCING.initial_state, t1=0.3),  # type: ignore
+        r"`state` must be .* but is the method initial_state itself: call it, initial_state\(\)\.$",
+    ),
+    "its x0": (lambda: hs.solve(ROOM, ROOM.initial_state, t1=0.3), r"`x0` must .* call it, initial_state\(\)"),
+    "its mode": (lambda: hs.solve(ROOM, 20.0, ROOM.initial_mode, t1=0.3), r"`mode` must .* call it, initial_mode\(\)"),
     "a system": (lambda: hs.simulate(Falling(), START, t1=0.3), "Falling, a hybrid system: use hybridsens.solve"),  # type: ignore
     "a scene": (lambda: hs.solve(BALL, START, t1=0.3), "Ball, a scene: use hybridsens.simulate"),  # type: ignore
     "a time": (lambda: hs.simulate(BALL, START, 1.0, t1=0.3), "`mode` must .* third argument: times are given by name"),
