@@ -33,7 +33,7 @@ def _head(result: Any) -> Iterator[str]:
     yield f"fit {result.stopped} after {_way(result)}, gradient norm {result.history[-1].gradient_norm:.3g}"
     known, heard = (int(np.sum(np.isfinite(r))) for r in (result.residuals, result.event_residuals))
     yield (
-        f"{known} observation{'' if known == 1 else 's'}, {heard} event time{'' if heard == 1 else 's'}; "
+        f"{_count(known, 'observation')}, {_count(heard, 'event time')}; "
         f"residual spread {result.uncertainty.noise:.4g}"
     )
     if result.stopped in UNFINISHED:
@@ -51,12 +51,16 @@ def _head(result: Any) -> Iterator[str]:
         )
 
 
+def _count(number: int, of: str) -> str:
+    return f"{number} {of}{'' if number == 1 else 's'}"
+
+
 def _way(result: Any) -> str:
     """How many iterations it took, and from where to where; of several starts, that of the best of them."""
     if result.starts is None:
-        return f"{result.iterations} iterations: loss {result.history[0].loss:.6g} -> {result.loss:.6g}"
+        return f"{_count(result.iterations, 'iteration')}: loss {result.history[0].loss:.6g} -> {result.loss:.6g}"
     took = int(result.starts.iterations[np.argmin(result.starts.loss)])
-    return f"{took} iterations from the best start and {result.iterations} more: loss {result.loss:.6g}"
+    return f"{_count(took, 'iteration')} from the best start and {result.iterations} more: loss {result.loss:.6g}"
 
 
 def _advice(result: Any) -> str:
@@ -89,7 +93,8 @@ def _events(result: Any) -> Iterator[str]:
     yield f"events at the end:   {'the same' if start == end else _sequence(end, names)}"
     if result.sequence_changes:
         yield (
-            f"the event sequence changed at {result.sequence_changes} accepted steps: the loss is only piecewise smooth"
+            f"the event sequence changed at {_count(result.sequence_changes, 'accepted step')}: the loss is only "
+            "piecewise smooth"
         )
 
 

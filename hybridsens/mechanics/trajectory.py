@@ -151,6 +151,7 @@ class Trajectory(eqx.Module):
 
         Raises: ImportError without xarray and netCDF4; ValueError for a batch or another ending; TypeError for a cost
         or a mode that is made of more than dict, list, tuple and arrays."""
+        must_be_one(self.events.count, "save()")
         trees = dict(cost=self.cost, scene_mode=self.scene_mode, event_mode=self.events.mode)
         write_netcdf(with_structure(self.to_xarray(), **trees), path)
 

@@ -42,5 +42,5 @@ def test_several_starts_tell_the_way_of_the_best():
     starts = SimpleNamespace(loss=np.array([3.0, 0.5, np.inf]), iterations=np.array([4, 11, 0]))
     fitted = SimpleNamespace(starts=starts, iterations=0, loss=0.5, history=[SimpleNamespace(loss=0.5)])
     assert _way(fitted) == "11 iterations from the best start and 0 more: loss 0.5"
-    fitted.starts = None
-    assert _way(fitted) == "0 iterations: loss 0.5 -> 0.5"
+    fitted.starts, fitted.iterations = None, 1
+    assert _way(fitted) == "1 iteration: loss 0.5 -> 0.5"

@@ -205,6 +205,8 @@ def test_a_motion_that_lost_its_scene_says_so(motion):
     for way in (batch.to_xarray, batch.to_pandas, batch.events.to_pandas):
         with pytest.raises(ValueError, match="batch of"):
             way()
+    with pytest.raises(ValueError, match=r"^save\(\) must be called on one motion"):
+        batch.save("none.nc")
 
 
 def test_names_must_be_as_many_as_there_are():
