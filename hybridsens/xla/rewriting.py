@@ -36,9 +36,10 @@ class _Rewriting:
 
     def of(self, traced):
         """The same trace with its equations replaced; what had none of these is returned as it is."""
-        if isinstance(traced, ClosedJaxpr):
-            inner = self.of(traced.jaxpr)
-            return traced if inner is traced.jaxpr else traced.replace(jaxpr=inner)
+        inside = getattr(traced, "jaxpr", traced)
+        if inside is not traced:  # closed over constants, which JAX keeps in the trace itself from 0.11 on
+            inner = self.of(inside)
+            return traced if inner is inside else traced.replace(jaxpr=inner)
         if id(traced) not in self.done:
             equations = [self.of_equation(equation) for equation in traced.eqns]
             same = all(new is old for new, old in zip(equations, traced.eqns, strict=True))
