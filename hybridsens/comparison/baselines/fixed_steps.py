@@ -113,8 +113,16 @@ def where_transition(
     if running_cost is not None:
         shapes = jax.eval_shape(lambda: running_cost(system, dt, x0, mode))
         cost = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-    (x, mode, cost), _ = lax.scan(step, (x0, mode, cost), jnp.arange(steps, dtype=dt.dtype))
+    start = _switched(system, t0, _due(system, t0, x0, mode), x0, mode)
+    (x, mode, cost), _ = lax.scan(step, (*start, cost), jnp.arange(steps, dtype=dt.dtype))
     return SystemMotion(x, mode, cost)
+
+
+def _due(system: AbstractHybridSystem, t0, x, mode):
+    """1 for each scheduled time that is t0, and comes there; 0 for all else that is watched."""
+    times = system.scheduled_times(x, mode)
+    guards = jnp.zeros_like(system.guards(t0, x, mode))
+    return guards if times is None else jnp.concatenate([guards, jnp.where(times == t0, 1.0, 0.0)])
 
 
 def _watched(system: AbstractHybridSystem, t, x, mode):

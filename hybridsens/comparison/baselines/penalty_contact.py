@@ -16,7 +16,9 @@ LEAST_RESTITUTION = 0.01
 
 
 class PenaltyScene(AbstractScene):
-    """A scene whose contacts push with f = max(0, -k Phi - c Phi') where Phi < 0, and are no constraints any more."""
+    """A scene whose contacts push with f = -k Phi - c Phi' where Phi < 0, and are no constraints any more.
+
+    At the end of a rebound they pull: cut at f = 0, a rebound would be faster than e, 0.25 where e is 0.1."""
 
     scene: AbstractScene
     stiffness: Float[Array, "contact"]
@@ -29,7 +31,7 @@ class PenaltyScene(AbstractScene):
 
     def force(self, t, q, v):
         gap, rate = gap_and_rate(self.scene, t, q, v)
-        push = jnp.maximum(0, -self.stiffness * gap - self.damping() * rate)
+        push = -self.stiffness * gap - self.damping() * rate
         return self.scene.force(t, q, v) + contact_jacobian(self.scene, t, q).T @ jnp.where(gap < 0, push, 0)
 
     def gap(self, t, q):
