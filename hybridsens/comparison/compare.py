@@ -9,15 +9,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..adjoint.methods import AbstractGradientMethod, Replay
+from ..outcome import SimulationError
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings
+from ..status import Status
 from ..system import AbstractHybridSystem
 from ..waiting import counted, waiting
 from .compare_table import Comparison as Comparison
 from .compare_table import Reference as Reference
 from .compare_table import Row as Row
 from .differentiate import value_and_gradient
-from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end, told_of_the_cost
+from .functional import (
+    Cost,
+    Reported,
+    all_reached_end,
+    choose_cost,
+    functional,
+    raise_unless_reached_end,
+    told_of_the_cost,
+)
 from .gradient_methods import (
     DEFAULT_ADJOINTS,
     GradientMethod,
@@ -87,13 +97,27 @@ def compare(
 
 def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[str, Any]) -> Reference:
     """Value and gradient by `Replay` at the tightest tolerance of the floating point type, and by Dopri8 where the
-    settings name no solver. Raises: SimulationError."""
+    settings name no solver. Raises: SimulationError, which says that it is the reference that failed."""
     tolerance = max(1e-13, 32 * float(jnp.finfo(parameters.vector.dtype).eps))
     tight = dict(rtol=tolerance, atol=tolerance, solver=settings.get("solver") or diffrax.Dopri8())
     value, gradient, reported = gradient_by(Replay(), parameters, cost, {**settings, **tight})
-    raise_unless_reached_end(reported)
+    try:
+        raise_unless_reached_end(reported)
+    except SimulationError as error:
+        raise SimulationError(
+            f"The reference, by {type(tight['solver']).__name__} at a tolerance of {tolerance:.0e}: {error} Or give "
+            "your own, `reference=hybridsens.comparison.compare.Reference(value, gradient)`."
+        ) from error
     count = max((int(count) for count in reported.count), default=None)
-    return Reference(float(value), np.asarray(gradient, float), count)
+    return Reference(float(value), np.asarray(gradient, float), count, _doubt(reported))
+
+
+def _doubt(reported: Reported) -> str:
+    """Why a gradient of motions that all reached their ends is not to be trusted; empty where it is."""
+    names = sorted({name for name in ("grazing", "guard_jumps") for s in reported.status if s == getattr(Status, name)})
+    if not names:
+        return ""
+    return f"not to be trusted: its motion has status {' and '.join(names)}, so no error of a gradient below is one"
 
 
 def measure_method(method: GradientMethod, parameters: FlatParameters, cost: Cost, reference: Reference) -> Row:

@@ -97,8 +97,8 @@ def work_precision(
             if path is not None:
                 write_points(path, points, reference, chosen)
     except KeyboardInterrupt:
-        return WorkPrecision(tuple(points), True, beyond)
-    return WorkPrecision(tuple(points), False, beyond)
+        return WorkPrecision(tuple(points), True, beyond, reference.doubt)
+    return WorkPrecision(tuple(points), False, beyond, reference.doubt)
 
 
 def _listed(name: str, entries: Any) -> tuple:
