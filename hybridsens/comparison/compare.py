@@ -109,15 +109,16 @@ def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[st
             "your own, `reference=hybridsens.comparison.compare.Reference(value, gradient)`."
         ) from error
     count = max((int(count) for count in reported.count), default=None)
-    return Reference(float(value), np.asarray(gradient, float), count, _doubt(reported))
+    gradient = np.asarray(gradient, float)
+    return Reference(float(value), gradient, count, _doubt(reported, gradient))
 
 
-def _doubt(reported: Reported) -> str:
+def _doubt(reported: Reported, gradient: np.ndarray) -> str:
     """Why a gradient of motions that all reached their ends is not to be trusted; empty where it is."""
     names = sorted({name for name in ("grazing", "guard_jumps") for s in reported.status if s == getattr(Status, name)})
-    if not names:
-        return ""
-    return f"not to be trusted: its motion has status {' and '.join(names)}, so no error of a gradient below is one"
+    why = [f"its motion has status {' and '.join(names)}"] if names else []
+    why += [] if np.all(np.isfinite(gradient)) else ["its gradient is not finite"]
+    return f"not to be trusted: {' and '.join(why)}, so no error of a gradient is one" if why else ""
 
 
 def measure_method(method: GradientMethod, parameters: FlatParameters, cost: Cost, reference: Reference) -> Row:
@@ -138,14 +139,19 @@ def _measure(method: GradientMethod, parameters: FlatParameters, cost: Cost, ref
     raise_unless_reached_end(reported)
     _, compile_forward = first_call(lambda: forward(vector))
     value, slopes = float(value), np.asarray(slopes, float)
-    if not (np.isfinite(value) and np.all(np.isfinite(slopes))):
-        raise FloatingPointError(f"not finite: value {value:g}, gradient {slopes}")
+    must_be_finite(value, slopes)
     memory = planned_memory(forward if method.mode == "differences" else gradient, vector)
     return Row(
         method.name, value, slopes, relative_error(value, reference.value), relative_error(slopes, reference.gradient),
         seconds_per_call(lambda: forward(vector)), seconds_per_call(lambda: gradient(vector)),
         compile_gradient + compile_forward, np.nan if memory is None else float(memory),
     )  # fmt: skip
+
+
+def must_be_finite(value: float, gradient: np.ndarray) -> None:
+    """Raises: FloatingPointError for what has no error that could be told."""
+    if not (np.isfinite(value) and np.all(np.isfinite(gradient))):
+        raise FloatingPointError(f"not finite: value {value:g}, gradient {gradient}")
 
 
 def relative_error(found, known) -> float:

@@ -56,7 +56,8 @@ class WorkPrecision(NamedTuple):
     def pareto(self, error: str = "gradient_error") -> list[Point]:
         """Points that no other point beats in both time and error, the fastest first."""
         front: list[Point] = []
-        for point in sorted((p for p in self.points if not p.failure), key=lambda p: (p.seconds, getattr(p, error))):
+        known = [point for point in self.points if not (point.failure or np.isnan(getattr(point, error)))]
+        for point in sorted(known, key=lambda point: (point.seconds, getattr(point, error))):
             if not front or getattr(point, error) < getattr(front[-1], error):
                 front.append(point)
         return front
