@@ -9,7 +9,7 @@ import hybridsens as hs
 from hybridsens.comparison.baselines import penalty_contact, where_reset, where_transition
 from hybridsens.comparison.differentiate import finite_differences
 from hybridsens.scenes import BouncingBall
-from hybridsens.systems import Dosing
+from hybridsens.systems import Dosing, RimlessWheel, TwoTanks
 from tests.problems.hybrid_systems import Decay
 
 T1 = 1.0
@@ -82,3 +82,13 @@ def test_fixed_steps_of_a_system_give_the_dose_that_comes_at_the_start():
     naive = where_transition(dosing, *start, t1=12.0, steps=4000).final
     exact = hs.solve(dosing, *start, t1=12.0, max_events=4).final
     np.testing.assert_allclose(naive["blood"], exact["blood"], rtol=1e-2)
+
+
+@pytest.mark.parametrize("kind", [RimlessWheel, TwoTanks])
+def test_a_transition_that_puts_another_guard_at_0_is_no_second_event(kind):
+    """Where the next spoke strikes, the wheel stands at the angle at which the one uphill would: J within 1 %."""
+    system = kind()
+    start = system.initial_state(), system.initial_mode()
+    J = lambda move, **settings: move(system, *start, t1=kind.t1, running_cost=kind.running_cost, **settings).cost
+    naive = jax.jit(lambda: J(where_transition, steps=20_000))()
+    np.testing.assert_allclose(naive, J(hs.solve, max_events=32, max_steps=512), rtol=1e-2)

@@ -133,10 +133,13 @@ def _watched(system: AbstractHybridSystem, t, x, mode):
 
 
 def _switched(system: AbstractHybridSystem, t, before, x, mode):
-    """The transition of each guard in turn that was above 0 before the step and is not after it."""
+    """The transition of each guard in turn that was above 0 before the step and is not after it, or that a transition
+    before it has put below 0: one that this puts at 0, as where a wheel stands after its strike, has not fallen."""
+    moved = _watched(system, t, x, mode)
 
     def turn(event, carry):
-        fell = (before[event] > 0) & (_watched(system, t, *carry)[event] <= 0)
+        now = _watched(system, t, *carry)[event]
+        fell = (before[event] > 0) & jnp.where(moved[event] <= 0, now <= 0, now < 0)
         after = system.transition(event, t, *carry)
         return jax.tree.map(lambda new, old: jnp.where(fell, new, old), after, carry)
 
