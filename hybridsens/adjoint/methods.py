@@ -134,11 +134,11 @@ class DiffraxAdjoint(AbstractGradientMethod):
     adjoint: diffrax.AbstractAdjoint = eqx.field(default_factory=diffrax.RecursiveCheckpointAdjoint)
 
     def __check_init__(self):
-        if isinstance(self.adjoint, diffrax.BacksolveAdjoint | diffrax.ForwardMode):
+        if isinstance(self.adjoint, diffrax.BacksolveAdjoint | diffrax.ForwardMode | diffrax.ImplicitAdjoint):
             raise ValueError(
-                f"`adjoint` must be one of Diffrax's discrete adjoints, but is {type(self.adjoint).__name__}. "
-                'For backward integration use ContinuousCostate(state="backward"), '
-                "for forward mode ForwardSensitivities()."
+                "`adjoint` must be RecursiveCheckpointAdjoint() or DirectAdjoint(), Diffrax's discrete adjoints, but "
+                f"is {type(self.adjoint).__name__}. For backward integration use "
+                'ContinuousCostate(state="backward"), for forward mode ForwardSensitivities().'
             )
 
     def carry_back(self, step: RecordedStep, psi: Any) -> StepBack:

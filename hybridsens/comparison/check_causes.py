@@ -71,7 +71,9 @@ def find_causes(
 
     `resolved` has the parameters that are off the reference, and whether the steps resolve the derivative there.
     """
-    steps = tuple(name for name, ok in resolved.items() if not ok)
+    # Where a guard jumps there is no derivative that shorter steps would bring.
+    jumps = any(call.status == Status.guard_jumps for call in calls)
+    steps = () if jumps else tuple(name for name, ok in resolved.items() if not ok)
     doubts = Doubts(
         tuple(entry.parameter for entry in parameters if entry.verdict and entry.parameter not in steps),
         tuple(entry for entry in events if entry.verdict),

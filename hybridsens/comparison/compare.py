@@ -9,15 +9,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..adjoint.methods import AbstractGradientMethod, Replay
+from ..outcome import SimulationError
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings
+from ..status import Status
 from ..system import AbstractHybridSystem
 from ..waiting import counted, waiting
 from .compare_table import Comparison as Comparison
 from .compare_table import Reference as Reference
 from .compare_table import Row as Row
 from .differentiate import value_and_gradient
-from .functional import Cost, all_reached_end, choose_cost, functional, raise_unless_reached_end, told_of_the_cost
+from .functional import (
+    Cost,
+    Reported,
+    all_reached_end,
+    choose_cost,
+    functional,
+    raise_unless_reached_end,
+    told_of_the_cost,
+)
 from .gradient_methods import (
     DEFAULT_ADJOINTS,
     GradientMethod,
@@ -87,13 +97,28 @@ def compare(
 
 def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[str, Any]) -> Reference:
     """Value and gradient by `Replay` at the tightest tolerance of the floating point type, and by Dopri8 where the
-    settings name no solver. Raises: SimulationError."""
+    settings name no solver. Raises: SimulationError, which says that it is the reference that failed."""
     tolerance = max(1e-13, 32 * float(jnp.finfo(parameters.vector.dtype).eps))
     tight = dict(rtol=tolerance, atol=tolerance, solver=settings.get("solver") or diffrax.Dopri8())
     value, gradient, reported = gradient_by(Replay(), parameters, cost, {**settings, **tight})
-    raise_unless_reached_end(reported)
+    try:
+        raise_unless_reached_end(reported)
+    except SimulationError as error:
+        raise SimulationError(
+            f"The reference, by {type(tight['solver']).__name__} at a tolerance of {tolerance:.0e}: {error} Or give "
+            "your own, `reference=hybridsens.comparison.compare.Reference(value, gradient)`."
+        ) from error
     count = max((int(count) for count in reported.count), default=None)
-    return Reference(float(value), np.asarray(gradient, float), count)
+    gradient = np.asarray(gradient, float)
+    return Reference(float(value), gradient, count, _doubt(reported, gradient))
+
+
+def _doubt(reported: Reported, gradient: np.ndarray) -> str:
+    """Why a gradient of motions that all reached their ends is not to be trusted; empty where it is."""
+    names = sorted({name for name in ("grazing", "guard_jumps") for s in reported.status if s == getattr(Status, name)})
+    why = [f"its motion has status {' and '.join(names)}"] if names else []
+    why += [] if np.all(np.isfinite(gradient)) else ["its gradient is not finite"]
+    return f"not to be trusted: {' and '.join(why)}, so no error of a gradient is one" if why else ""
 
 
 def measure_method(method: GradientMethod, parameters: FlatParameters, cost: Cost, reference: Reference) -> Row:
@@ -114,14 +139,19 @@ def _measure(method: GradientMethod, parameters: FlatParameters, cost: Cost, ref
     raise_unless_reached_end(reported)
     _, compile_forward = first_call(lambda: forward(vector))
     value, slopes = float(value), np.asarray(slopes, float)
-    if not (np.isfinite(value) and np.all(np.isfinite(slopes))):
-        raise FloatingPointError(f"not finite: value {value:g}, gradient {slopes}")
+    must_be_finite(value, slopes)
     memory = planned_memory(forward if method.mode == "differences" else gradient, vector)
     return Row(
         method.name, value, slopes, relative_error(value, reference.value), relative_error(slopes, reference.gradient),
         seconds_per_call(lambda: forward(vector)), seconds_per_call(lambda: gradient(vector)),
         compile_gradient + compile_forward, np.nan if memory is None else float(memory),
     )  # fmt: skip
+
+
+def must_be_finite(value: float, gradient: np.ndarray) -> None:
+    """Raises: FloatingPointError for what has no error that could be told."""
+    if not (np.isfinite(value) and np.all(np.isfinite(gradient))):
+        raise FloatingPointError(f"not finite: value {value:g}, gradient {gradient}")
 
 
 def relative_error(found, known) -> float:

@@ -25,6 +25,8 @@ class Reference(NamedTuple):
     gradient: Float[np.ndarray, "parameter"]
     event_count: int | None = None
     """Number of events of the motion, the most of any if the cost asks for several."""
+    doubt: str = ""
+    """Why its gradient is not to be trusted, and no error of a gradient; empty where it is."""
 
 
 class Row(NamedTuple):
@@ -72,6 +74,7 @@ class Comparison(NamedTuple):
         beside = width + len(HEAD) <= TERMINAL
         lines = [name_and_numbers("", HEAD, width).lstrip("\n")]
         lines += [f"{'    reference':{width if beside else TERMINAL - len(HEAD)}}{self.reference.value:>14.9g}"]
+        lines += [wrapped(f"    ({self.reference.doubt})", 4)] if self.reference.doubt else []
         lines += [_method_line(number, row, width) for number, row in enumerate(self.rows, 1)]
         if self.interrupted:
             lines.append("    (interrupted: the remaining methods were not run)")
@@ -83,7 +86,8 @@ class Comparison(NamedTuple):
             writer = csv.writer(file)
             writer.writerow(["method", *COLUMNS, *(f"d/d {name}" for name in self.parameters), "failure"])
             reference = self.reference
-            writer.writerow(["reference", reference.value, *[""] * (len(COLUMNS) - 1), *reference.gradient, ""])
+            unknown = [""] * (len(COLUMNS) - 1)
+            writer.writerow(["reference", reference.value, *unknown, *reference.gradient, reference.doubt])
             for row in self.rows:
                 gradient = [""] * len(self.parameters) if row.gradient is None else row.gradient
                 writer.writerow([row.method, *(getattr(row, column) for column in COLUMNS), *gradient, row.failure])

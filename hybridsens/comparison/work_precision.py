@@ -15,7 +15,7 @@ from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, Forward
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings, finest_tolerance
 from ..waiting import counted
-from .compare import Reference, relative_error, tight_reference
+from .compare import Reference, must_be_finite, relative_error, tight_reference
 from .differentiate import value_and_gradient
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
 from .gradient_methods import adjoint_name, from_adjoint
@@ -97,8 +97,8 @@ def work_precision(
             if path is not None:
                 write_points(path, points, reference, chosen)
     except KeyboardInterrupt:
-        return WorkPrecision(tuple(points), True, beyond)
-    return WorkPrecision(tuple(points), False, beyond)
+        return WorkPrecision(tuple(points), True, beyond, reference.doubt)
+    return WorkPrecision(tuple(points), False, beyond, reference.doubt)
 
 
 def _listed(name: str, entries: Any) -> tuple:
@@ -154,6 +154,8 @@ def _gradient(parameters: FlatParameters, cost: Cost, line: Line, settings):
 def _measure(call, reference: Reference):
     (value, slopes, reported), seconds = first_call(call)
     raise_unless_reached_end(reported)
-    value_error = relative_error(float(value), reference.value)
-    gradient_error = relative_error(np.asarray(slopes, float), reference.gradient)
+    value, slopes = float(value), np.asarray(slopes, float)
+    must_be_finite(value, slopes)
+    value_error = relative_error(value, reference.value)
+    gradient_error = relative_error(slopes, reference.gradient)
     return value_error, gradient_error, seconds_per_call(call), seconds

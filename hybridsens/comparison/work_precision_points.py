@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..export.text import preformatted
+from ..export.text import preformatted, wrapped
 from ..settings import finest_tolerance
 from .compare_table import Reference
 
@@ -50,11 +50,14 @@ class WorkPrecision(NamedTuple):
     """Whether Ctrl-C ended the run: the points are those that were finished."""
     beyond: tuple[str, ...] = ()
     """Dtypes that cannot meet all of the tolerances: they have no points of the tightest."""
+    doubt: str = ""
+    """Why the reference's gradient is not to be trusted, and no error of a gradient; empty where it is."""
 
     def pareto(self, error: str = "gradient_error") -> list[Point]:
         """Points that no other point beats in both time and error, the fastest first."""
         front: list[Point] = []
-        for point in sorted((p for p in self.points if not p.failure), key=lambda p: (p.seconds, getattr(p, error))):
+        known = [point for point in self.points if not (point.failure or np.isnan(getattr(point, error)))]
+        for point in sorted(known, key=lambda point: (point.seconds, getattr(point, error))):
             if not front or getattr(point, error) < getattr(front[-1], error):
                 front.append(point)
         return front
@@ -76,6 +79,7 @@ class WorkPrecision(NamedTuple):
             lines.append(f"{mark}{point.label:{width}}" + (f"  failed: {point.failure}" if point.failure else numbers))
         lines += [f"  (no {t} below {finest_tolerance(t):.1e}: it cannot meet such tolerances)" for t in self.beyond]
         lines += ["  (interrupted: the remaining points were not run)"] if self.interrupted else []
+        lines += [wrapped(f"  (reference {self.doubt})", 2)] if self.doubt else []
         lines.append("* no other point is both faster and more accurate")
         return "\n".join([*lines, *map(self.advice, TARGETS)])
 

@@ -22,7 +22,7 @@ _MEANING = {
     "status": "outcome of the motion",
     "event_count": "number of events",
     "event_sequence": "number shared by motions that have the same events in the same order",
-    "grazing_margin": "smallest closing speed of an impact: 0 is a border between event sequences",
+    "grazing_margin": "smallest closing speed of impacts, but for ends of cascades: 0 is a border of event sequences",
     "steps": "steps tried",
     "event_time": "times of the first events",
     "event_kind": "kinds of the first events",

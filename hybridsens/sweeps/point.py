@@ -120,7 +120,8 @@ def _counted(motion, kept: int, kind, place, happened) -> dict[str, Any]:
 def _of_contacts(trajectory: Trajectory, kept: int) -> dict[str, Any]:
     events = trajectory.events
     happened = jnp.arange(events.time.shape[0]) < events.count
-    struck = happened & ((events.kind == EventKind.IMPACT) | (events.kind == EventKind.CAPTURE))
+    strikes = (events.kind == EventKind.IMPACT) | (events.kind == EventKind.CAPTURE)
+    struck = happened & strikes & ~_dies_away(events, happened)
     margin = jnp.min(jnp.where(struck, events.closing_speed, jnp.inf), initial=jnp.inf)
     kept = min(kept, events.time.shape[0])
     return _counted(trajectory, kept, events.kind, events.contact, happened) | {
@@ -128,6 +129,19 @@ def _of_contacts(trajectory: Trajectory, kept: int) -> dict[str, Any]:
         "event_kind": events.kind[:kept].astype(jnp.int8),
         "event_contact": jnp.where(happened, events.contact, -1)[:kept].astype(jnp.int32),
     }
+
+
+def _dies_away(events, happened):
+    """Which events are the end of a cascade, from after its fastest impact on up to its capture: slow by those before
+    them, and no sign that a contact is nearly missed."""
+    row, (kind, contact, speed) = jnp.arange(happened.size), (events.kind, events.contact, events.closing_speed)
+    same = happened & (contact[:, None] == contact)
+    ends = happened & ((kind == EventKind.CAPTURE) | (kind == EventKind.RELEASE))
+    flight = jnp.sum(same & ends & (row < row[:, None]), axis=1)
+    cascade = same & (flight[:, None] == flight)
+    captured = jnp.any(cascade & (kind == EventKind.CAPTURE), axis=1)
+    fast = speed >= (1 - 1e-3) * jnp.max(jnp.where(cascade, speed, 0), axis=1, initial=0)
+    return captured & ~jnp.any(cascade & fast & (row >= row[:, None]), axis=1)
 
 
 def _sequence(kind, contact, happened):

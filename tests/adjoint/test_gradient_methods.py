@@ -53,6 +53,13 @@ def test_discrete_methods_share_one_gradient_and_the_continuous_ones_do_not(grad
         assert 1e-12 < far[method] < 1e-7
 
 
+@pytest.mark.parametrize("adjoint", [diffrax.ImplicitAdjoint(), diffrax.BacksolveAdjoint(), diffrax.ForwardMode()])
+def test_an_adjoint_of_diffrax_that_is_not_discrete_is_refused(adjoint):
+    """That of a steady state gave a gradient that was wrong without a word."""
+    with pytest.raises(ValueError, match=r"must be RecursiveCheckpointAdjoint\(\) or DirectAdjoint\(\)"):
+        hs.DiffraxAdjoint(adjoint)
+
+
 def test_a_costate_follows_the_tolerance_unless_it_has_its_own():
     """By name and by setting; methods without tolerances stay what they are."""
     own = hs.ContinuousCostate(rtol=1e-11)

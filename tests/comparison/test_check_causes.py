@@ -2,9 +2,11 @@
 
 import importlib
 import math
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import hybridsens as hs
@@ -12,7 +14,7 @@ from hybridsens.comparison.check_causes import ParameterCheck, find_causes
 from hybridsens.comparison.check_events import OTHER_EVENTS, EventCheck
 from hybridsens.comparison.check_gradient import check_gradient
 from hybridsens.comparison.check_grazing import grazes
-from hybridsens.comparison.check_motions import value_with_calls
+from hybridsens.comparison.check_motions import Call, value_with_calls
 from hybridsens.parameters import flatten_parameters
 from hybridsens.scenes import BouncingBall, ElasticStop
 from hybridsens.scenes.shipped import parameter
@@ -42,6 +44,15 @@ def test_an_event_that_could_not_be_tested_by_itself_blames_no_derivative():
     assert "by the parameters, which agree" in str(check)
     (cause,) = find_causes([right._replace(verdict="differences disagree")], [event], [], {}, {})
     assert cause.kind == "unexplained"
+
+
+def test_no_steps_are_blamed_where_a_guard_jumps():
+    """Its gradient may be nan there, and that of shorter steps is nan too."""
+    events = SimpleNamespace(time=np.array([0.7]), count=1)
+    call = Call(None, None, 0.0, 2.0, events, hs.Status.guard_jumps, None, None, ())
+    doubtful = ParameterCheck("place", math.nan, math.nan, math.nan, math.nan, math.nan, "not decided")
+    (cause,) = find_causes([doubtful], [], [call], {"place": False}, {})
+    assert cause.kind == "discontinuity" and "guard jumps" in cause.reason
 
 
 class Ball(BouncingBall):

@@ -130,6 +130,46 @@ def test_ctrl_c_keeps_finished_rows(tmp_path):
     plot_comparison(comparison).savefig(tmp_path / "table.png")
 
 
+class Turns(hs.AbstractHybridSystem):
+    """x' = 1 until x comes to the place, by a guard that jumps there, and -1 from then on."""
+
+    place: jax.Array
+
+    def flow(self, t, x, mode):
+        return jnp.where(mode, -1.0, 1.0)
+
+    def guards(self, t, x, mode):
+        return jnp.where(mode, 1.0, jnp.where(x < self.place, 2.0, -1.0) - x)[None]
+
+    def transition(self, event, t, x, mode):
+        return x, jnp.array(True)
+
+
+def turned(system, solve):
+    return solve(system, 0.0, False, t1=2.0).final
+
+
+@pytest.mark.filterwarnings("ignore:`guards` must be smooth")
+def test_a_reference_whose_gradient_is_not_right_is_not_trusted(tmp_path):
+    """J = 2 place - 2, of which the reference's gradient is 0; the table, the CSV file and a study say so."""
+    settings = dict(max_events=4, max_steps=64, progress=False)
+    comparison = compare(Turns(0.7), turned, methods=[], **settings)
+    assert comparison.reference.gradient == pytest.approx([0.0])
+    assert "status guard_jumps" in comparison.reference.doubt
+    assert "not to be trusted" in str(comparison)
+    comparison.to_csv(tmp_path / "table.csv")
+    assert "not to be trusted" in (tmp_path / "table.csv").read_text()
+    assert "(reference not to be trusted" in str(hs.WorkPrecision((), doubt=comparison.reference.doubt))
+
+
+def test_a_reference_that_fails_says_that_it_is_the_reference():
+    """Its solver is not that of the study, so its status alone would be misunderstood."""
+    ball = Ball()
+    cost = lambda ball, simulate: simulate(ball, ball.initial_state(), t1=2.0).final.q[0]
+    with pytest.raises(hs.SimulationError, match="The reference, by Dopri8 at a tolerance of 1e-13: max_events"):
+        compare(ball, cost, methods=[], max_events=1, progress=False)
+
+
 def test_central_differences_turn_one_sided_at_the_edge():
     """d(x^2)/dx at 1, where the function has values only up to 1: 2 to the order of the step."""
     function = jax.jit(lambda x: (jnp.sum(x**2), jnp.all(x <= 1)))

@@ -10,6 +10,7 @@ import pytest
 import hybridsens as hs
 from hybridsens.cli.main import run
 from hybridsens.comparison.compare import Reference
+from hybridsens.comparison.functional import Reported
 from hybridsens.comparison.work_precision import Point, WorkPrecision, work_precision
 from hybridsens.comparison.work_precision_plot import plot_work_precision
 from hybridsens.comparison.work_precision_points import read_points, write_points
@@ -75,6 +76,21 @@ def test_a_picture_holds_its_legend_and_few_ticks(slowest, ticks):
     assert 0 <= box.x0 < box.x1 <= figure.bbox.width and 0 <= box.y0
     low, high = figure.axes[0].get_xlim()
     np.testing.assert_allclose([x for x in figure.axes[0].get_xticks() if low <= x <= high], ticks)
+
+
+def test_an_error_that_is_not_known_is_on_no_front():
+    """The fastest point, whose gradient is nan, beats none of the others."""
+    fast = Point("Tsit5", "Replay", "float64", 1e-3, 1e-3, np.nan, 1e-5)
+    good = Point("Dopri8", "Replay", "float64", 1e-9, 1e-9, 1e-9, 1e-4)
+    study = WorkPrecision((fast, good))
+    assert study.pareto() == [good] and study.pareto("value_error") == [fast, good]
+
+
+def test_a_gradient_that_is_nan_is_a_failure(reference):
+    """Its motion is whole, so nothing else tells of it."""
+    reached = Reported((), ())
+    with pytest.raises(FloatingPointError, match="not finite"):
+        work_precision_module._measure(lambda: (1.0, np.array([np.nan]), reached), reference)
 
 
 class Meter:

@@ -71,6 +71,19 @@ def test_the_event_summary_is_the_closed_form(dataset):
     assert np.isnan(dataset.event_time[:, :, 1:]).all()
 
 
+def test_a_cascade_that_dies_away_is_no_graze():
+    """Assert that a ball that comes to rest is as far from grazing as its first impact is fast."""
+
+    def at_rest(ball):
+        motion = hybridsens.simulate(ball, ball.initial_state(), t1=3.0, max_events=64, max_steps=512, throw=False)
+        return motion.final.q[0], motion
+
+    heights = np.array([0.5, 1.0])
+    found = sweep(at_rest, grid(BouncingBall(restitution_coefficient=0.5), {"height": heights}), progress=False)
+    assert np.all(found.event_count > 10)
+    np.testing.assert_allclose(found.grazing_margin, np.sqrt(2 * G * heights), rtol=1e-8)
+
+
 def test_a_dataset_comes_back_from_a_file_as_it_was(dataset, tmp_path):
     """Assert that netCDF and Zarr files hold the same values, names and units."""
     with warnings.catch_warnings():  # xarray's Zarr writer warns about its own choice of format

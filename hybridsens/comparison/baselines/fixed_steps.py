@@ -113,8 +113,16 @@ def where_transition(
     if running_cost is not None:
         shapes = jax.eval_shape(lambda: running_cost(system, dt, x0, mode))
         cost = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-    (x, mode, cost), _ = lax.scan(step, (x0, mode, cost), jnp.arange(steps, dtype=dt.dtype))
+    start = _switched(system, t0, _due(system, t0, x0, mode), x0, mode)
+    (x, mode, cost), _ = lax.scan(step, (*start, cost), jnp.arange(steps, dtype=dt.dtype))
     return SystemMotion(x, mode, cost)
+
+
+def _due(system: AbstractHybridSystem, t0, x, mode):
+    """1 for each scheduled time that is t0, and comes there; 0 for all else that is watched."""
+    times = system.scheduled_times(x, mode)
+    guards = jnp.zeros_like(system.guards(t0, x, mode))
+    return guards if times is None else jnp.concatenate([guards, jnp.where(times == t0, 1.0, 0.0)])
 
 
 def _watched(system: AbstractHybridSystem, t, x, mode):
@@ -125,10 +133,13 @@ def _watched(system: AbstractHybridSystem, t, x, mode):
 
 
 def _switched(system: AbstractHybridSystem, t, before, x, mode):
-    """The transition of each guard in turn that was above 0 before the step and is not after it."""
+    """The transition of each guard in turn that was above 0 before the step and is not after it, or that a transition
+    before it has put below 0: one that this puts at 0, as where a wheel stands after its strike, has not fallen."""
+    moved = _watched(system, t, x, mode)
 
     def turn(event, carry):
-        fell = (before[event] > 0) & (_watched(system, t, *carry)[event] <= 0)
+        now = _watched(system, t, *carry)[event]
+        fell = (before[event] > 0) & jnp.where(moved[event] <= 0, now <= 0, now < 0)
         after = system.transition(event, t, *carry)
         return jax.tree.map(lambda new, old: jnp.where(fell, new, old), after, carry)
 

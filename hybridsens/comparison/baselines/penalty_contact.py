@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...mechanics.contact import contact_geometry, contact_jacobian, gap_and_rate
+from ...mechanics.contact import contact_geometry, gap_and_rate
 from ...mechanics.flow import free_acceleration
 from ...mechanics.scene import AbstractScene, State
 from .motion import BaselineMotion, flat_problem
@@ -16,21 +16,23 @@ LEAST_RESTITUTION = 0.01
 
 
 class PenaltyScene(AbstractScene):
-    """A scene whose contacts push with f = max(0, -k Phi - c Phi') where Phi < 0, and are no constraints any more."""
+    """A scene whose contacts push with f = -k Phi - c Phi' where Phi < 0, and are no constraints any more.
+
+    At the end of a rebound they pull: cut at f = 0, a rebound would be faster than e, 0.25 where e is 0.1."""
 
     scene: AbstractScene
     stiffness: Float[Array, "contact"]
     """k [N/m]"""
-    mobility: Float[Array, "contact"]
-    """W_ii of each contact by itself, at the start [1/kg]."""
 
     def mass_matrix(self, q):
         return self.scene.mass_matrix(q)
 
     def force(self, t, q, v):
         gap, rate = gap_and_rate(self.scene, t, q, v)
-        push = jnp.maximum(0, -self.stiffness * gap - self.damping() * rate)
-        return self.scene.force(t, q, v) + contact_jacobian(self.scene, t, q).T @ jnp.where(gap < 0, push, 0)
+        geometry = contact_geometry(self.scene, t, q)
+        mobility = jnp.where(gap < 0, jnp.diag(geometry.delassus_matrix), 1)
+        push = -self.stiffness * gap - self.damping(mobility) * rate
+        return self.scene.force(t, q, v) + geometry.jacobian.T @ jnp.where(gap < 0, push, 0)
 
     def gap(self, t, q):
         return jnp.zeros(0, q.dtype)
@@ -38,18 +40,20 @@ class PenaltyScene(AbstractScene):
     def restitution(self):
         return jnp.zeros(0, self.stiffness.dtype)
 
-    def damping(self) -> Float[Array, "contact"]:
-        """c = 2 D sqrt(k / W) with D = -ln e / sqrt(pi^2 + ln^2 e): a free impact then rebounds with e."""
+    def damping(self, mobility: Float[Array, "contact"]) -> Float[Array, "contact"]:
+        """c = 2 D sqrt(k / W) with D = -ln e / sqrt(pi^2 + ln^2 e): a free impact then rebounds with e.
+
+        `mobility` is W_ii of each contact by itself, where it is struck [1/kg]."""
         log_e = jnp.log(jnp.maximum(self.scene.restitution(), LEAST_RESTITUTION))
         ratio = -log_e / jnp.sqrt(jnp.pi**2 + log_e**2)
-        return 2 * ratio * jnp.sqrt(self.stiffness / self.mobility)
+        return 2 * ratio * jnp.sqrt(self.stiffness / mobility)
 
 
 def soften(scene: AbstractScene, state: State, t0, contact_time) -> PenaltyScene:
-    """The scene with springs such that a free impact lasts `contact_time`: k = (pi / contact_time)^2 / W_ii."""
+    """The scene with springs such that a free impact lasts `contact_time`: k = (pi / contact_time)^2 / W_ii, with the
+    W_ii of the start."""
     W = contact_geometry(scene, jnp.asarray(t0, state.q.dtype), state.q).delassus_matrix
-    mobility = lax.stop_gradient(jnp.diag(W))
-    return PenaltyScene(scene, (jnp.pi / contact_time) ** 2 / mobility, mobility)
+    return PenaltyScene(scene, (jnp.pi / contact_time) ** 2 / lax.stop_gradient(jnp.diag(W)))
 
 
 def penalty_contact(
