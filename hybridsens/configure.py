@@ -22,8 +22,8 @@ _PRODUCTS = "--xla_cpu_experimental_ynn_fusion_type="
 """Empty: no product of two matrices is handed to a library, where it would keep the loop around it from becoming one
 kernel. With eight contacts that makes a motion twice as fast, its gradient three times."""
 
-_KNOWN = (0, 10)
-"""The version of JAX that these two are known of. The process ends where XLA is given a flag that it does not know."""
+_KNOWN = {(0, 10), (0, 11)}
+"""Versions of JAX that know these two. The process ends where XLA is given a flag that it does not know."""
 
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
@@ -76,7 +76,7 @@ def configure(
     _made.update(wanted)
     _keep_memory()
     given = os.environ.get("XLA_FLAGS", "").split()
-    known = jax.__version_info__[:2] == _KNOWN
+    known = jax.__version_info__[:2] in _KNOWN
     flags = [flag for flag in given if not flag.startswith(_BACKEND)]
     flags.append(_backend_options(given, small_loop_bytes, _LOOPS if known else ()))
     if known and not any(flag.startswith(_PRODUCTS) for flag in flags):

@@ -61,14 +61,14 @@ def test_a_simulation_error_is_raised_wherever_the_outcome_is_seen(call):
 
 @pytest.mark.parametrize("jit", [jax.jit, eqx.filter_jit])
 @pytest.mark.parametrize("transform", [lambda f: f, jax.vmap, jax.grad], ids=["value", "vmap", "grad"])
-def test_a_compiled_program_says_it_in_three_lines(jit, transform, capfd):
-    """XLA's own words come first; the sentence is the last line, and nothing else is printed. A gradient is checked
-    too, where the value of which it is one is not computed."""
+def test_a_compiled_program_says_it_in_the_last_line(jit, transform, capfd):
+    """XLA's own words come first, from JAX 0.11 on with every call on the way; the sentence is the last line, and
+    nothing else is printed. A gradient is checked too, where the value of which it is one is not computed."""
     given = W[None] if transform is jax.vmap else W
     with pytest.raises((RuntimeError, ValueError)) as caught:
         jax.block_until_ready(jit(transform(lambda w: final(w)))(given))
     lines = str(caught.value).splitlines()
-    assert len(lines) <= 3
+    assert len(lines) <= 3 or jax.__version_info__ >= (0, 11)
     assert lines[-1].startswith(f"SimulationError: {SENTENCE}")
     assert capfd.readouterr().err == ""
 

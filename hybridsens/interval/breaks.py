@@ -51,9 +51,9 @@ JUMPS = {
     "argmax": "jnp.argmax", "argmin": "jnp.argmin",
 }  # fmt: skip
 INDEXED = {"gather", "dynamic_slice", "dynamic_update_slice", "scatter", "scatter-add", "scatter_add"}
-SMOOTH_CALLS = {"logaddexp", "logaddexp2", "hypot", "sinc", "nextafter", "_distance_to_polygon"}
-"""Functions of JAX, and one of `planar`, that are smooth, although they select inside (`hypot` but for the origin, the
-distance to a polygon but for its inside)."""
+SMOOTH_CALLS = {"logaddexp", "logaddexp2", "hypot", "sinc", "nextafter", "_det_2x2", "_det_3x3", "_distance_to_polygon"}
+"""Functions of JAX, and one of `planar`, that are smooth, although they select inside (`hypot` but for the origin, a
+determinant its pivot, the distance to a polygon but for its inside)."""
 KINKED_CALLS = dict.fromkeys(INTERPOLATIONS, "jnp.interp") | {"clip": "jnp.clip", "relu": "relu"}
 JUMPING_CALLS = {"remainder": "%", "floor_divide": "//", "searchsorted": "jnp.searchsorted", "digitize": "jnp.digitize"}
 SHAPES = (LINEAR_SHAPES - {"cumsum", "reduce_sum", "concatenate", "stack", "pad"}) | {"neg"}
@@ -153,7 +153,8 @@ class _Walk:
         """A loop's body is walked until what is carried depends on nothing more."""
         params = equation.params
         if equation.primitive.name == "scan":
-            body, fixed, carried = params["jaxpr"], params["num_consts"], params["num_carry"]
+            body = params["jaxpr"]
+            carried, fixed = _counts_in_scan(equation, body.jaxpr)
             constants = operands[:fixed]
         else:  # how often a `while` turns is no break: it ends where its outcome is as exact as wanted
             body, fixed = params["body_jaxpr"], params["cond_nconsts"] + params["body_nconsts"]
@@ -166,6 +167,14 @@ class _Walk:
             if wider == carry:
                 return [*carry, *map(plain, results[carried:])]
             carry = wider
+
+
+def _counts_in_scan(equation, body) -> tuple[int, int]:
+    """How much a scan carries, and how many constants come before that. What it goes through row by row has one axis
+    more outside than in its body. (JAX has no name for these numbers that all of its versions know.)"""
+    whole = lambda outside, inside: sum(a.aval.ndim == b.aval.ndim for a, b in zip(outside, inside, strict=True))
+    carried = whole(equation.outvars, body.outvars)
+    return carried, whole(equation.invars, body.invars) - carried
 
 
 def _own_break(name: str, equation, operands: list[Trait], variable) -> frozenset[Break]:
