@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
+from hybridsens.comparison.compare_table import Reference
 from hybridsens.estimation import fit
 from hybridsens.sweeps.progress import progress_bar
 from hybridsens.waiting import counted, waiting
@@ -103,7 +104,8 @@ def test_a_measurement_in_a_notebook_names_the_solver(cell, monkeypatch):
     """As on a terminal."""
     monkeypatch.setattr("hybridsens.waiting.TICK", 0.02)
     monkeypatch.setattr("hybridsens.comparison.work_precision.measure_line", lambda *given: time.sleep(0.2) or iter(()))
-    monkeypatch.setattr("hybridsens.comparison.work_precision.tight_reference", lambda *given, **more: None)
+    reference = Reference(1.0, np.ones(1))
+    monkeypatch.setattr("hybridsens.comparison.work_precision.tight_reference", lambda *given, **more: reference)
     hs.work_precision(hs.scenes.BouncingBall(), solvers=[diffrax.Tsit5()], dtypes=["float64"])
     assert cell[0][0] == "Tsit5, Replay, float64, 1 of 3 ... 0 s" and cell[-1][0] == ""
 
