@@ -135,8 +135,9 @@ class Motion(eqx.Module):
 
 
 def write(buffer: Array, row: Array, place: Int[Array, ""]) -> Array:
-    """Write one row of a buffer."""
-    return lax.dynamic_update_index_in_dim(buffer, jnp.asarray(row, buffer.dtype), place, 0)
+    """Write one row of a buffer. `xla.in_step` looks for this operation."""
+    row = jnp.asarray(row, buffer.dtype)[None]
+    return lax.dynamic_update_slice(buffer, row, (place, *[0] * (buffer.ndim - 1)))
 
 
 def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int, max_steps: int, status) -> Motion:

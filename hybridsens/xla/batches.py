@@ -17,6 +17,7 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
+from .in_step import in_step
 from .rewriting import rewritten
 from .tracing import collection_put_off
 
@@ -72,7 +73,7 @@ class Mapped:
 
     def together(self, axes: tuple) -> "Mapped":
         """What is done with an axis whose elements run at once."""
-        at_once = lambda function: None if function is None else jax.vmap(function, axes)
+        at_once = lambda function: None if function is None else in_step(function, axes)
         choice, vary = self.choice, self.vary
         later = None if choice is None else lambda batched: at_once(choice(batched))
         varied = None if vary is None else jax.vmap(vary, (axes, 0, axes))

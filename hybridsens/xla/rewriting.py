@@ -1,4 +1,4 @@
-"""What XLA compiles badly on a CPU, replaced in a trace by what it compiles well."""
+"""Equations of a trace replaced by others: what XLA compiles badly on a CPU, by what it compiles well."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,24 +15,27 @@ RULES = (sum_by_scatter, short_reduction, long_reduction)
 
 def rewritten(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function` of PyTrees of arrays, with equations of its trace replaced by the rules."""
+    return rewritten_by(_ByRules, function)
+
+
+def rewritten_by(way: "type[Rewriting]", function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same, with equations replaced in another way."""
 
     def better(*arguments):
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
-        results = jaxpr_as_fun(_Rewriting().of(traced))(*jax.tree.leaves(arguments))
+        results = jaxpr_as_fun(way().of(traced))(*jax.tree.leaves(arguments))
         return jax.tree.unflatten(jax.tree.structure(shapes), results)
 
     return better
 
 
-class _Rewriting:
-    """The same for a trace and those inside of it."""
+class Rewriting:
+    """Replaces equations of a trace and of those inside of it."""
 
     def __init__(self):
         self.done: dict[int, tuple[Any, Any]] = {}
         """(before, after) by the identity of what was before: an inner trace that comes again stays the same object,
         by which JAX compiles it once. Held here, since an identity is free again once its object is gone."""
-        self.calls: dict[Any, JaxprEqn] = {}
-        """What replaces equations that are alike: each is traced once."""
 
     def of(self, traced):
         """The same trace with its equations replaced; what had none of these is returned as it is."""
@@ -41,16 +44,17 @@ class _Rewriting:
             inner = self.of(inside)
             return traced if inner is inside else traced.replace(jaxpr=inner)
         if id(traced) not in self.done:
-            equations = [self.of_equation(equation) for equation in traced.eqns]
+            equations = self.equations(traced)
             same = all(new is old for new, old in zip(equations, traced.eqns, strict=True))
             self.done[id(traced)] = traced, traced if same else traced.replace(eqns=equations)
         return self.done[id(traced)][1]
 
-    def of_equation(self, equation: JaxprEqn) -> JaxprEqn:
-        for rule in RULES:
-            function = rule(equation)
-            if function is not None:
-                return self._call(function, equation)
+    def equations(self, trace) -> list[JaxprEqn]:
+        """What replaces the equations of a trace, one each."""
+        raise NotImplementedError
+
+    def inside(self, equation: JaxprEqn) -> JaxprEqn:
+        """The same equation, with equations of the traces that it holds replaced."""
         if not any(True for _ in jaxprs_in_params(equation.params)):
             return equation
         is_jaxpr = lambda leaf: isinstance(leaf, Jaxpr | ClosedJaxpr)
@@ -59,16 +63,35 @@ class _Rewriting:
         same = all(jax.tree.leaves(jax.tree.map(lambda new, old: new is old, parameters, equation.params)))
         return equation if same else equation.replace(params=parameters)
 
+
+class _ByRules(Rewriting):
+    """Replaces each equation by itself."""
+
+    def __init__(self):
+        super().__init__()
+        self.calls: dict[Any, JaxprEqn] = {}
+        """What replaces equations that are alike: each is traced once."""
+
+    def equations(self, trace) -> list[JaxprEqn]:
+        return [self.of_equation(equation) for equation in trace.eqns]
+
+    def of_equation(self, equation: JaxprEqn) -> JaxprEqn:
+        for rule in RULES:
+            function = rule(equation)
+            if function is not None:
+                return self._call(function, equation)
+        return self.inside(equation)
+
     def _call(self, function, equation: JaxprEqn) -> JaxprEqn:
         """The equation that calls `function` in the place of another one, of whose shapes and parameters it is made."""
         alike = equation.primitive, *(variable.aval for variable in equation.invars), *equation.params.items()
         if alike not in self.calls:
-            self.calls[alike] = self.of_equation(_calling(function, equation))  # what a rule makes may be replaced too
+            call = calling(function, equation.invars, equation.outvars)
+            self.calls[alike] = self.of_equation(call)  # what a rule makes may be replaced too
         return self.calls[alike].replace(invars=equation.invars, outvars=equation.outvars)
 
 
-def _calling(function, equation: JaxprEqn) -> JaxprEqn:
-    """An equation that calls `function` in the place of another one."""
-    shapes: list[Any] = [variable.aval for variable in equation.invars]
-    call = jax.make_jaxpr(jax.jit(function))(*shapes).eqns[-1]
-    return call.replace(invars=equation.invars, outvars=equation.outvars)
+def calling(function: Callable[..., Any], operands: list[Any], results: list[Any]) -> JaxprEqn:
+    """An equation that calls a function."""
+    shapes = [operand.aval for operand in operands]
+    return jax.make_jaxpr(jax.jit(function))(*shapes).eqns[-1].replace(invars=operands, outvars=results)
