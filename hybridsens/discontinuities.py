@@ -17,7 +17,8 @@ class DiscontinuityWarning(UserWarning):
 REMEDIES = {
     "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the system.",
     "guards": "For the first of several guards write one guard for each.",
-    "state": "For a jump in x write a guard that falls there, and a mode that its transition changes.",
+    "state": "For a jump in x set `located_discontinuities = True` in the system, which makes comparisons events; or "
+    "write a guard that falls there, and a mode that its transition changes.",
 }
 
 

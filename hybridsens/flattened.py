@@ -13,12 +13,12 @@ from jaxtyping import Array, Bool, Float
 from .delays import overflowed
 from .flat_system import START, AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
+from .located.system import asked_for_cost
 from .numerics.shapes import Shapes
 from .numerics.tolerances import closeness, jump_window
 from .search.gap_search import gap_kinds, search_guards, warn_of_sampled
 from .status import Status
 from .system import AbstractHybridSystem
-from .system_checks import as_written
 from .watch import Seen, Watch
 
 
@@ -80,7 +80,7 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def cost_rate(self, t, x, mode):
         """Running cost at one instant, with its structure; None where there is none."""
-        return None if self.running_cost is None else self.running_cost(as_written(self.system), t, x, mode)
+        return None if self.running_cost is None else self.running_cost(asked_for_cost(self.system), t, x, mode)
 
     def guards(self, t, x, mode: WatchedMode):
         return mode.watch.signed(self._values(t, x, mode.given))

@@ -15,9 +15,11 @@ from jaxtyping import Array, Float
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .forward.solver import RunSettings
+from .located.system import own_mode
 from .mechanics.checks import check_kinds, check_room, check_shapes
 from .mechanics.condensed import condensed
 from .mechanics.event_table import shown_by_values
+from .mechanics.located import located
 from .mechanics.mass import with_known_mass
 from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
 from .mechanics.scene import AbstractScene, State
@@ -126,6 +128,8 @@ def simulate(
     check_mesh(scene, running_cost, state, t0, t1, ts)
     jump_ts = declared_jump_times(scene, jump_ts, state.q.dtype)
     mode = mode_as_arrays(mode)
+    if scene.located_discontinuities:
+        scene, running_cost, mode = located(scene, running_cost, t0, state, mode)
     scene, running_cost, switching = _prepared(scene, running_cost, t0, state, mode)
     adjoint = adjoint or Replay()
     segment_steps = segment_room(adjoint, ts)
@@ -199,7 +203,7 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) 
     who, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
     if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves
         who = jnp.where(happened & (reported.kind == EventKind.SWITCH), who - closed.shape[0], who)
-        modes = reported.mode_after.own
+        modes = own_mode(reported.mode_after.own)
     q, v, z = system.split(final)
     before, after = (State(*system.split(x)[:2]) for x in (states.before, states.after))
     kind = jnp.where(happened, reported.kind, -1)
@@ -215,7 +219,7 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) 
 
 def _modes(mode: ContactMode | SwitchedMode):
     """Contacts held closed, and the scene's own mode."""
-    return (mode.contacts.active, mode.own) if isinstance(mode, SwitchedMode) else (mode.active, None)
+    return (mode.contacts.active, own_mode(mode.own)) if isinstance(mode, SwitchedMode) else (mode.active, None)
 
 
 def _as_arrays(t0, t1, ts, state):

@@ -15,6 +15,7 @@ from .differentiable import differentiable_motion
 from .discontinuities import warn_of_system
 from .flattened import FlattenedSystem
 from .forward.solver import RunSettings
+from .located.system import located, own_mode, own_number
 from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful
 from .passes import Options, Problem
@@ -112,9 +113,12 @@ def solve(
     )  # fmt: skip
     if not adjoint.forward_mode:
         system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
-    flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), *counts, mode)
+    guards, first_mode = counts.guards, mode
+    if written[0].located_discontinuities:
+        system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))
+    flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode)
     with waiting("compiling and simulating", progress):
-        solution = _solve(flat, x0, mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
+        solution = _solve(flat, x0, first_mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
     if throw == "nan":
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:
@@ -174,10 +178,12 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     final, samples, states = reported.observed
     x, z = flat.split(final)
     before, after = (flat.split(side)[0] for side in (states.before, states.after))
-    events = SolutionEvents(states.time, reported.guard, before, after, reported.mode_after.given, reported.count)
+    who = own_number(reported.guard, flat.system, flat.guard_count, flat.scheduled_count or 0)
+    modes = own_mode(reported.mode_after.given)
+    events = SolutionEvents(states.time, who, before, after, modes, reported.count)
     samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
     total = None if flat.running_cost is None else cost.restore(z)
     status = reported.status.without_known_jumps(flat.system.known_discontinuities)
     status = flat.status_at_end(t1, final, reported.mode, status)
-    return Solution(ts, samples, x, total, events, reported.mode.given, status, steps, None)
+    return Solution(ts, samples, x, total, events, own_mode(reported.mode.given), status, steps, None)

@@ -48,6 +48,13 @@ class AbstractHybridSystem(eqx.Module):
     known_discontinuities: ClassVar[bool] = False
     """Whether kinks and jumps of `flow` and `guards` are known to do no harm: then nobody is warned of them."""
 
+    located_discontinuities: ClassVar[bool] = False
+    """Whether comparisons are events: `jnp.where(x > 0, ...)`, `jnp.abs`, `jnp.maximum`, `jnp.minimum`, `jnp.clip`,
+    `jnp.sign`, `relu` of t and x in `flow`, `guards` and running costs. Then each keeps its outcome until what it
+    compares is equal, a step ends there, and values and gradients are as exact as for a mode of your own. These events
+    are listed by numbers behind those of guards and scheduled times, and take part in `max_events`. Left alone are
+    `jnp.floor`, `%`, tables, comparisons of integers and those in loops and branches of `jax.lax.cond`."""
+
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         warn_of_near_names(cls)

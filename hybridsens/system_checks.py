@@ -111,15 +111,20 @@ def warn_of_transition(system: AbstractHybridSystem, t, x, mode) -> None:
     )  # fmt: skip
 
 
-class LiftedSystem(AbstractHybridSystem):
-    """A system whose functions' hidden traced values are leaves."""
+class WrappedSystem(AbstractHybridSystem):
+    """A system around the one that the user wrote."""
 
     system: AbstractHybridSystem
-    functions: dict[str, Callable]
 
     @property
     def known_discontinuities(self):  # type: ignore[override]
         return self.system.known_discontinuities
+
+
+class LiftedSystem(WrappedSystem):
+    """A system whose functions' hidden traced values are leaves."""
+
+    functions: dict[str, Callable]
 
     def flow(self, t, x, mode):
         return self.functions["flow"](self.system, t, x, mode)
@@ -136,7 +141,9 @@ class LiftedSystem(AbstractHybridSystem):
 
 def as_written(system: AbstractHybridSystem) -> AbstractHybridSystem:
     """The system that the user wrote: the one that a running cost is given."""
-    return system.system if isinstance(system, LiftedSystem) else system
+    while isinstance(system, WrappedSystem):
+        system = system.system
+    return system
 
 
 def lifted(system: AbstractHybridSystem, running_cost, t, x, mode):

@@ -10,7 +10,7 @@ TESTS = ROOT / "tests"
 METHOD = {"observables", "forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
     "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch",
-    "discontinuities",
+    "discontinuities", "located",
 }  # fmt: skip
 BASE = {"validation", "numerics", "status"}
 TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters", "waiting"}
@@ -32,14 +32,16 @@ MAY_IMPORT = {
     "passes": {"flat_system", "forward", "adjoint", "numerics", "observables", "reported", "status"},
     "differentiable": {"passes", "reported", "observables", "adjoint", "forward", "validation", "xla"},
     "export": {"status"},
-    "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch", "discontinuities"} | BASE,
+    "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch", "discontinuities", "located"}
+    | BASE,
     "watch": {"numerics"},
     "discontinuities": {"interval", "system"},
     "saved": {"export", "mechanics", "outcome", "solution", "status"},
     "system": {"export", "validation"},
     "system_checks": {"system"} | BASE,
+    "located": {"interval", "system_checks", "xla"} | BASE,
     "delays": set(),
-    "flattened": {"delays", "watch", "system", "system_checks", "flat_system", "interval", "search"} | BASE,
+    "flattened": {"delays", "watch", "located", "system", "system_checks", "flat_system", "interval", "search"} | BASE,
     "solution": {"outcome", "status", "export", "numerics"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status"},

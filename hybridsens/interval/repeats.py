@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun
 
+from .enclosure import inner_jaxpr
 from .tables import is_interpolation
 
 WORTH, SHORT = 0.75, 32
@@ -21,7 +22,7 @@ def without_repeats(function: Callable[..., Any], *arguments) -> Callable[..., A
     """`function` of PyTrees of arrays like these, traced once and without what the trace says twice or does not need;
     None where that is little or leaves nearly all of it."""
     traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
-    distinct = _Distinct()
+    distinct = Distinct()
     program = distinct.of(traced)
     if distinct.met <= SHORT or len(program.eqns) > WORTH * distinct.met:
         return None
@@ -29,7 +30,7 @@ def without_repeats(function: Callable[..., Any], *arguments) -> Callable[..., A
     return lambda *given: tree.unflatten(map(jnp.asarray, run(*jax.tree.leaves(given))))  # constants are NumPy's
 
 
-class _Distinct:
+class Distinct:
     """The equations of a trace, and of the programs that it calls, each once."""
 
     def __init__(self):
@@ -43,7 +44,7 @@ class _Distinct:
     def of(self, traced: ClosedJaxpr) -> ClosedJaxpr:
         """The same program."""
         results = self._run(traced.jaxpr, [*self._constants(traced), *traced.jaxpr.invars])
-        equations, needed = _needed(self.equations, results)
+        equations, needed = needed_for(self.equations, results)
         constants = {variable: value for variable, value in self.constants.items() if variable in needed}
         program = traced.jaxpr.replace(constvars=list(constants), eqns=equations, outvars=results)
         return ClosedJaxpr(program, list(constants.values()))
@@ -54,14 +55,17 @@ class _Distinct:
         read = lambda atom: atom if isinstance(atom, Literal) else stands_for[atom]
         for equation in jaxpr.eqns:
             operands = [read(atom) for atom in equation.invars]
-            inside = equation.primitive.name == "jit" and not is_interpolation(equation)  # whose bounds are of a whole
-            results = (self._call if inside else self._once)(equation, operands)
+            results = (self._call if self.goes_inside(equation) else self._once)(equation, operands)
             stands_for.update(zip(equation.outvars, results, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
 
+    def goes_inside(self, equation: JaxprEqn) -> bool:
+        """Whether an equation is replaced by those of the program that it calls."""
+        return equation.primitive.name == "jit" and not is_interpolation(equation)  # whose bounds are of a whole
+
     def _call(self, equation: JaxprEqn, operands: list[Any]) -> list[Any]:
-        called = equation.params["jaxpr"]
-        return self._run(called.jaxpr, [*self._constants(called), *operands])
+        jaxpr, constants = inner_jaxpr(equation)
+        return self._run(jaxpr, [*self._constants(ClosedJaxpr(jaxpr, constants)), *operands])
 
     def _constants(self, program: ClosedJaxpr) -> list[Var]:
         """What stands for a program's constants: they become those of the whole."""
@@ -71,7 +75,7 @@ class _Distinct:
 
     def _once(self, equation: JaxprEqn, operands: list[Any]) -> list[Var]:
         self.met += 1
-        what = equation.primitive, tuple(map(_identity, operands)), tuple(sorted(equation.params.items()))
+        what = equation.primitive, tuple(map(identity, operands)), tuple(sorted(equation.params.items()))
         if equation.effects or not _hashable(what):  # what has an effect is done as often as it is said
             return self._kept(equation, operands)
         if what not in self.known:
@@ -84,7 +88,7 @@ class _Distinct:
         return results
 
 
-def _identity(atom: Any) -> Any:
+def identity(atom: Any) -> Any:
     """What an operand is known by; a number by its bits and its type."""
     return (np.asarray(atom.val).tobytes(), atom.aval) if isinstance(atom, Literal) else atom
 
@@ -97,7 +101,7 @@ def _hashable(what: Any) -> bool:
     return True
 
 
-def _needed(equations: list[JaxprEqn], results: list[Any]) -> tuple[list[JaxprEqn], set[Var]]:
+def needed_for(equations: list[JaxprEqn], results: list[Any]) -> tuple[list[JaxprEqn], set[Var]]:
     """The equations that the results are made from, and all variables that are read."""
     variables = lambda atoms: {atom for atom in atoms if not isinstance(atom, Literal)}
     needed, kept = variables(results), []

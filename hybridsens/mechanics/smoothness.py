@@ -48,7 +48,8 @@ def is_not_smooth(scene: AbstractScene, t, q, v, mode: ContactMode) -> Bool[Arra
 REMEDIES = {
     "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the scene.",
     "gap": "For a minimum of gaps write one gap for each, and round off the corner of a maximum.",
-    "state": "For a jump in q or v make it an event: a contact, or a switch of an `AbstractSwitchedScene`.",
+    "state": "For a jump in q or v set `located_discontinuities = True` in the scene, which makes comparisons events; "
+    "or make it a contact, or a switch of an `AbstractSwitchedScene`.",
 }
 
 

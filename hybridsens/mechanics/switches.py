@@ -51,6 +51,11 @@ class AbstractSwitchedScene(AbstractScene):
     ) -> tuple[Float[Array, "dof"], Any]:
         """Velocities and mode after, of the shapes and types before. `event` says which of `switches` fell."""
 
+    def _gap_in(self, t, q, mode: Any) -> Float[Array, "contact"]:
+        """Gaps in a mode: those of every mode, unless their comparisons are held."""
+        del mode
+        return Asked.of(self, "gap(t, q)")(t, q)
+
 
 class InMode(WrappedScene):
     """A scene with switches as it moves in one mode: a scene like any other."""
@@ -65,7 +70,7 @@ class InMode(WrappedScene):
         return Asked.of(self.scene, "force(t, q, v, mode)")(t, q, v, self.mode)
 
     def gap(self, t, q):
-        return Asked.of(self.scene, "gap(t, q)")(t, q)
+        return self.scene._gap_in(t, q, self.mode)
 
     def restitution(self):
         return Asked.of(self.scene, "restitution()")()

@@ -1,0 +1,111 @@
+"""A scene each of whose comparisons is a switch: what jumps or has a kink there is a mode."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..located.comparisons import Comparisons
+from ..located.system import LocatedMode, sided
+from ..validation.arguments import in_type
+from .checks import check_shapes
+from .scene import AbstractScene, State
+from .switches import AbstractSwitchedScene, check_mode, check_switches, in_mode
+
+
+class LocatedScene(AbstractSwitchedScene):
+    """A scene whose comparisons of (t, q, v) in force, gap, switches and running cost keep their outcomes in a mode.
+
+    Switches 0, 1, ... are those of the scene; the difference of each comparison follows, positive on the side on which
+    the motion is. The mass matrix is left as it is."""
+
+    scene: AbstractScene
+    running_cost: Callable[..., Any] | None
+    """Of the scene as the user wrote it."""
+    own_switches: int = eqx.field(static=True)
+    """Switches of the user's scene."""
+
+    @property
+    def sustained_contact(self):  # type: ignore[override]
+        return self.scene.sustained_contact
+
+    @property
+    def known_discontinuities(self):  # type: ignore[override]
+        return self.scene.known_discontinuities
+
+    def begin(self, t, q, v, own) -> LocatedMode:
+        """The mode in which a motion from (t, q, v) begins."""
+        return LocatedMode(own, lax.stop_gradient(self._comparisons(t, q, v, own).differences()) > 0)
+
+    def mass_matrix(self, q):
+        return self.scene.mass_matrix(q)
+
+    def restitution(self):
+        return self.scene.restitution()
+
+    def gap(self, t, q):
+        return self.scene.gap(t, q)
+
+    def force(self, t, q, v, mode: LocatedMode):
+        return self._comparisons(t, q, v, mode.own).held(0, mode.above)
+
+    def _gap_in(self, t, q, mode: LocatedMode):
+        return self._comparisons(t, q, jnp.zeros_like(q), mode.own).held(1, mode.above)
+
+    def switches(self, t, q, v, mode: LocatedMode):
+        compared = self._comparisons(t, q, v, mode.own)
+        return jnp.concatenate([compared.held(2, mode.above), sided(compared.differences(mode.above), mode.above)])
+
+    def cost(self, t, q, v, mode: LocatedMode):
+        """Running cost."""
+        return self._comparisons(t, q, v, mode.own).held(3, mode.above)
+
+    def switch(self, event, t, q, v, mode: LocatedMode):
+        """That of the scene; or an outcome changes, and nothing else. One that a jump of v changes comes at once."""
+        changed = jnp.arange(mode.above.size) == event - self.own_switches
+        turned = v, LocatedMode(mode.own, mode.above ^ changed)
+        scene = self.scene
+        if not isinstance(scene, AbstractSwitchedScene):
+            return turned
+
+        def switched():
+            after, own = scene.switch(event, t, q, v, mode.own)
+            own = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), own, mode.own)
+            return jnp.asarray(after, v.dtype), LocatedMode(own, mode.above)
+
+        return lax.cond(jnp.any(changed), lambda: turned, switched)
+
+    def _comparisons(self, t, q, v, own) -> Comparisons:
+        scene, cost = self.scene, self.running_cost
+
+        def functions(t, q, v, own):
+            if isinstance(scene, AbstractSwitchedScene):
+                given, switches = (t, q, v, own), scene.switches(t, q, v, own)
+            else:
+                given, switches = (t, q, v), jnp.zeros(0, q.dtype)
+            force, gap = scene.force(*given), scene.gap(t, q)
+            return force, gap, switches, None if cost is None else cost(scene, *given)
+
+        return Comparisons(functions, (t, q, v), own)
+
+
+def located(scene: AbstractScene, running_cost: Callable | None, t, state: State, mode: Any):
+    """The scene with its comparisons as switches, its running cost and its first mode; all as they were where nothing
+    is compared. What is given is checked as it was written."""
+    check_mode(scene, mode)
+    count = check_switches(scene, state, mode) if isinstance(scene, AbstractSwitchedScene) else 0
+    in_its_mode, cost_there = in_mode(scene, running_cost, mode)
+    check_shapes(in_its_mode, state, cost_there)
+    of_one_type: tuple[AbstractScene, Callable | None] = in_type((scene, running_cost), state.q.dtype)
+    made = LocatedScene(*of_one_type, count)
+    first = made.begin(t, state.q, state.v, mode)
+    if first.above.size == 0:
+        return scene, running_cost, mode
+    return made, None if running_cost is None else _cost, first
+
+
+def _cost(scene: LocatedScene, t, q, v, mode: LocatedMode):
+    return scene.cost(t, q, v, mode)
