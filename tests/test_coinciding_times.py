@@ -57,8 +57,15 @@ def test_a_dose_at_a_jump_time_has_its_own_derivative(guarded, method):
     assert_close(found, jax.vmap(jax.grad(left_exactly))(times), 1e-7)
 
 
-@pytest.mark.parametrize("guarded", [False, True], ids=["scheduled", "guard"])
-@pytest.mark.parametrize("method", [jax.jacrev, jax.jacfwd], ids=["reverse", "forward"])
+@pytest.mark.parametrize(
+    "guarded, method",
+    [
+        pytest.param(False, jax.jacrev, id="scheduled, reverse"),
+        pytest.param(False, jax.jacfwd, id="scheduled, forward", marks=pytest.mark.slow),
+        pytest.param(True, jax.jacrev, id="guard, reverse", marks=pytest.mark.slow),
+        pytest.param(True, jax.jacfwd, id="guard, forward", marks=pytest.mark.slow),
+    ],
+)
 def test_a_sample_at_a_dose_at_a_jump_time_is_the_state_after_it(guarded, method):
     adjoint = hs.ForwardSensitivities() if method is jax.jacfwd else None
 

@@ -8,7 +8,7 @@ import pytest
 import hybridsens as hs
 from tests.closeness import assert_close
 
-CLOCKS = pytest.mark.parametrize("t0", [0.0, 1e6, 1.7e9])
+CLOCKS = pytest.mark.parametrize("t0", [0.0, pytest.param(1e6, marks=pytest.mark.slow), 1.7e9])
 CUTS = np.arange(-60, 61, 3)
 """In units of the last place of the event's time."""
 

@@ -35,9 +35,11 @@ MOVES = {
     "and would come before the end": (Falling(jnp.array(9.0)), 2.5, None),
     "away": (Falling(jnp.array(9.0), side=-1), 0.5, None),
 }
+SLOW = ("before it comes", "before another event")
+NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in MOVES]
 
 
-@pytest.mark.parametrize("name", MOVES)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_time_that_moves_from_rest_is_told(name):
     """Its rate is 0 at the start: h = h0 - t^2 / 2 is met at t = sqrt(1 + 2 h0) - 1, not at h0."""
     system, h0, jumps = MOVES[name]

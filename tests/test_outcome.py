@@ -121,6 +121,7 @@ def test_shard_map_is_told_what_it_needs():
     assert jnp.allclose(shard(check_vma=False)(W[None]), -0.005, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_mesh_with_explicit_axes_must_be_the_one_in_use():
     """`jax.make_mesh` makes one by default, on which the constants of a loop do not lie."""
     mesh = jax.make_mesh((1,), ("lane",), axis_types=(AxisType.Explicit,))

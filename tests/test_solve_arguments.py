@@ -53,6 +53,7 @@ def test_states_of_a_batch_are_asked_of_one_motion():
         made.evaluate(0.5)
 
 
+@pytest.mark.slow
 def test_the_ends_of_a_motion_in_single_precision_lie_within_it():
     """0.1 is larger there than in double precision."""
     ball = Ball(*jnp.float32([9.81, 0.8]))

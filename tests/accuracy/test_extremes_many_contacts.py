@@ -40,6 +40,7 @@ def test_a_row_of_touching_balls_obeys_the_simultaneous_law(e):
     assert_close(trajectory.final.v, np.array([together - e, *[together] * 4]), 1e-14)
 
 
+@pytest.mark.slow
 def test_a_row_of_balls_a_billionth_apart_hands_the_impact_on():
     """With gaps of 1e-9 the impacts come one after the other, and only the last ball leaves (Newton's cradle)."""
     places = [-0.5, *(1 + 1e-9) * np.arange(4) + 1]
@@ -70,7 +71,7 @@ def test_a_plate_dropped_flat_and_elastic_bounces_flat(table):
     assert_close(trajectory.final.q, np.array([expected, 0.0, 0.0]), 1e-13)
 
 
-@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("e", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_plate_dropped_tilted_on_four_feet_comes_to_rest(e):
     """Its feet strike and kick each other off until all are down; nothing is left of tilt or speed."""
     trajectory = run(plate(TABLES["four feet"], e), [1.0, 0.1, 0.07], [0.0, 0.0, 0.0], 6.0)

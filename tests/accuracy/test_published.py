@@ -181,6 +181,7 @@ def test_elastic_impact_turns_a_derivative_round():
     assert_close(jacobian.final[0], [-1.0], WITHIN)
 
 
+@pytest.mark.slow
 def test_equal_elastic_balls_swap_their_motions():
     """Nimble's issue 97: the struck ball continues the striking one's line, so its place depends on that one alone."""
     scene = StackedBalls(1.0, 1.0, 0.0, 0.0, 1.0, 1.7, clearance=0.2, restitution_balls=1.0)

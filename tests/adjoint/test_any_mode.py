@@ -87,6 +87,7 @@ def test_second_derivatives():
     assert_close(jax.jacfwd(jax.jacfwd(cost))(P), hessian, APART)
 
 
+@pytest.mark.slow
 def test_reverse_mode_over_another_is_refused():
     """By the name of what serves."""
     along = lambda p: jax.jvp(cost, (p,), (P,))[1]

@@ -9,7 +9,12 @@ from tests.closeness import assert_close
 from tests.problems.balls import RestlessBall
 from tests.problems.hybrid_systems import Dosed
 
-METHODS = [hs.Replay(), hs.Replay(recompute=True), hs.ContinuousCostate(), hs.ForwardSensitivities()]
+METHODS = [
+    hs.Replay(),
+    pytest.param(hs.Replay(recompute=True), marks=pytest.mark.slow),
+    pytest.param(hs.ContinuousCostate(), marks=pytest.mark.slow),
+    hs.ForwardSensitivities(),
+]
 
 
 def slope(cost, t0, adjoint):

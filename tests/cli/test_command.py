@@ -184,6 +184,7 @@ def test_the_same_settings_may_be_made_twice():
     assert done.stdout.startswith("JAX has already started") and not done.stderr, done
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_command_that_compiles(tmp_path):
     """One line and the shells' exit status, not a crash of what was being compiled. Python swallows what is raised
     while it collects garbage, so there Ctrl-C comes again."""

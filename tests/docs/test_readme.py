@@ -143,6 +143,7 @@ def test_the_example_of_a_hybrid_system_is_a_ball():
     assert int(names["solution"].mode) == 1
 
 
+@pytest.mark.slow
 def test_the_sweep_of_the_docs_finishes_its_grid(monkeypatch, tmp_path):
     """It runs as it stands, with a value at every point."""
     monkeypatch.setattr(hybridsens, "configure", lambda: None)  # JAX has started in this process

@@ -99,6 +99,7 @@ class Refilled(Decay):
         return x + 0.5, mode
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_loss_is_no_minimum():
     """Just below k = 1.317 an event passes the time of a measurement: the loss falls towards it and jumps there."""
     times = np.linspace(0.1, 2.0, 8)

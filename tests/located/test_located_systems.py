@@ -113,7 +113,13 @@ def test_own_guards_and_scheduled_times_keep_their_numbers(dosed):
     np.testing.assert_allclose(solution.events.time[(guard == 1) | (guard == 2)], [1.0, 2.5])
 
 
-@pytest.mark.parametrize("method", [hybridsens.Replay(), hybridsens.ForwardSensitivities()], ids=["reverse", "forward"])
+METHODS = [
+    pytest.param(hybridsens.Replay(), id="reverse"),
+    pytest.param(hybridsens.ForwardSensitivities(), id="forward", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_gradients_are_those_of_differences(dosed, method):
     """By a rate, by the doses' times and by the end of the pulse, of the state and of the running cost."""
     differentiate = jax.jacrev if isinstance(method, hybridsens.Replay) else jax.jacfwd

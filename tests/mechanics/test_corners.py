@@ -89,7 +89,13 @@ TS = jnp.linspace(0, 0.8, 81)
 
 
 @pytest.mark.parametrize("tolerance", [1e-8, *(pytest.param(other, marks=pytest.mark.slow) for other in (1e-5, 1e-12))])
-@pytest.mark.parametrize("scene, settings", [(Roof, {}), (Table, dict(max_step=0.01))], ids=["maximum", "table"])
+@pytest.mark.parametrize(
+    "scene, settings",
+    [
+        pytest.param(Roof, {}, id="maximum"),
+        pytest.param(Table, dict(max_step=0.01), id="table", marks=pytest.mark.slow),
+    ],
+)
 def test_a_held_body_is_not_carried_round_an_edge(scene, settings, tolerance):
     """It would fly off at t = 0.4; the laws of a held contact know nothing of that, so the motion ends."""
     motion = run(scene(jnp.array([9.81, 0.5])), [-0.6, 0.0], [1.5, 0.0], 0.8, ts=TS, rtol=tolerance, atol=tolerance,

@@ -208,6 +208,7 @@ class FromATable(Magnet):
         return jnp.stack([0 * t, self.lift * jnp.interp(q[0], places, pull, left=self.beyond) - 1.0])
 
 
+@pytest.mark.slow
 def test_a_load_that_a_table_tells_is_seen():
     """At a slide of 1 m/s, where the table tells a third."""
     motion = hs.simulate(FromATable(jnp.array(LIFT)), hs.State([0.0, 0.0], [1.0, 0.0]), t1=12.0)

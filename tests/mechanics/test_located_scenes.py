@@ -55,7 +55,13 @@ def test_an_impact_that_turns_a_comparison_is_followed_by_it_at_once():
     assert float(events.time[1]) == float(events.time[2])
 
 
-@pytest.mark.parametrize("method", [hybridsens.Replay(), hybridsens.ForwardSensitivities()], ids=["reverse", "forward"])
+METHODS = [
+    pytest.param(hybridsens.Replay(), id="reverse"),
+    pytest.param(hybridsens.ForwardSensitivities(), id="forward", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_gradients_through_friction_bumper_and_wall_are_those_of_differences(method):
     differentiate = jax.jacrev if isinstance(method, hybridsens.Replay) else jax.jacfwd
     found = jax.jit(differentiate(lambda values: bumped(values, adjoint=method)[1]))(AT)
@@ -107,6 +113,7 @@ class TwoSlopes(Valley):
         return jnp.full(2, 0.7)
 
 
+@pytest.mark.slow
 def test_a_gap_with_a_corner_is_that_of_one_gap_for_each_side():
     """The ball bounces from one slope to the other: place and gradient by the slope."""
 
@@ -145,6 +152,7 @@ class Motor(hybridsens.AbstractSwitchedScene):
         return v, -mode
 
 
+@pytest.mark.slow
 def test_a_scene_keeps_its_own_switches_and_mode():
     def final(values):
         motion = hybridsens.simulate(Motor(*values), hybridsens.State([0.0], [0.0]), 1, t1=2.0, **TOLERANCES)

@@ -77,6 +77,7 @@ METHODS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_switch_at_that_place_gives_the_derivative(method):
     """The release comes with the switch before it, by which its time moves: value and Jacobian of the closed form."""

@@ -60,6 +60,7 @@ def one_event(event, x, restitution):
     return x_after, report, told, pull((jnp.cos(jnp.arange(18.0)), ImpactReport(jnp.ones(9), jnp.array(1.0))))
 
 
+@pytest.mark.slow
 def test_laws_among_few_contacts_are_those_among_all(monkeypatch):
     """Who takes part, impulses, velocities after, and their derivatives: one contact alone, or all nine."""
     given = [

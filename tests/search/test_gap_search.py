@@ -148,6 +148,7 @@ def test_a_pin_is_met_after_a_phase_a_thousand_times_faster():
     np.testing.assert_array_equal(motion.events.contact[:4], [0, 1, 0, 1])
 
 
+@pytest.mark.slow
 def test_of_two_posts_the_nearer_one_is_met():
     """The second of the list, at x = -0.1, not the first."""
     motion = fly(TwoPosts(jnp.array(1e-4)))

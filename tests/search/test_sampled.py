@@ -88,7 +88,7 @@ def roll(of, **settings):
 WAYS = {"guards": (run, r"Guards \[0\] are read from"), "switches": (roll, r"Switches \[1\] are read from")}
 
 
-@pytest.mark.parametrize("name", WAYS)
+@pytest.mark.parametrize("name", ["guards", pytest.param("switches", marks=pytest.mark.slow)])
 def test_what_is_sampled_is_told(name):
     """But for a longest step that is given: then the dip is met at AT - WIDTH."""
     move, words = WAYS[name]

@@ -174,6 +174,7 @@ def test_a_batch_too_large_for_memory_is_halved(monkeypatch):
     assert seen[:3] == [23, 11, 5] and set(seen[3:]) == {5}
 
 
+@pytest.mark.slow
 def test_lanes_in_step_give_what_lanes_one_by_one_give(dataset):
     """Assert that mapped and vmapped lanes agree to rounding (the second is how accelerators run)."""
     vmapped = sweep(

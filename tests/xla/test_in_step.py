@@ -52,6 +52,7 @@ def test_a_row_is_selected_and_not_the_record():
     assert (2, ROOM) in of(jax.vmap(powers)) and (2, ROOM) not in of(in_step(powers, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["in step", "of JAX"])
 def test_a_motion_selects_rows(way, monkeypatch):
     """Assert that of 70 steps one is selected at a time, as on a GPU."""

@@ -119,6 +119,7 @@ def test_many_contacts_leave_no_loop_outside_of_a_kernel(count):
     assert " while(" not in entry(jax.value_and_grad(cost), chain)
 
 
+@pytest.mark.slow
 def test_alone_and_in_a_batch_the_gradient_is_the_same():
     scene = hs.scenes.ElasticStop()
     cost = lambda d: hs.simulate(
