@@ -54,10 +54,16 @@ def _solution(dataset) -> Solution:
     events = SolutionEvents(
         _padded(dataset, dataset["event_time"].values, np.inf), _padded(dataset, dataset["event_guard"].values, -1),
         rows("x", "event_before"), rows("x", "event_after"), rows("mode", "event_mode"),
-        jnp.asarray(dataset.sizes["event"]),
+        jnp.asarray(dataset.sizes["event"]), _names(dataset.attrs),
     )  # fmt: skip
     final, cost, mode = (_tree(dataset, *names) for names in (("x", "final"), ("cost", "cost"), ("mode", "mode")))
     return Solution(ts, x, final, cost, events, mode, _status(dataset.attrs), _steps(dataset.attrs), None)
+
+
+def _names(attributes) -> tuple[str, ...] | None:
+    """The names of events. A netCDF file gives a list of one text back as that text."""
+    given = attributes.get("event_names")
+    return None if given is None else tuple(np.atleast_1d(given).tolist())
 
 
 def _tree(dataset, outline: str, name: str) -> Any:

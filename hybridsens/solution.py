@@ -36,10 +36,16 @@ class SolutionEvents(eqx.Module):
     """Modes just after."""
     count: Int[Array, "*batch"]
     """How many events there were."""
+    names: tuple[str, ...] | None = eqx.field(static=True, default=None)
+    """The name of each number in `guard`, where the system has `event_names` or its comparisons are events."""
+
+    def name(self, number: int) -> str:
+        """What an event of this number is called."""
+        return str(number) if self.names is None else self.names[number]
 
     def to_pandas(self):
-        """A pandas DataFrame with a row for each event that there was: time, guard, mode after it, states before and
-        after. Raises: ImportError without pandas; ValueError for a batch."""
+        """A pandas DataFrame with a row for each event that there was: time, guard, its name where it has one, mode
+        after it, states before and after. Raises: ImportError without pandas; ValueError for a batch."""
         return solution_events(self)
 
 
@@ -135,7 +141,9 @@ def last_events(solution: Solution, shown: int = 3) -> str:
         return ""
     rows = range(max(0, int(events.count) - shown), int(events.count))
     mode = lambda j: "" if events.mode is None else f" to mode {as_text(_row(events.mode, j))}"
-    told = "; ".join(f"t = {float(events.time[j]):.9g}, event {int(events.guard[j])}{mode(j)}" for j in rows)
+    kind = "event " if events.names is None else ""
+    name = lambda j: f"{kind}{events.name(int(events.guard[j]))}"
+    told = "; ".join(f"t = {float(events.time[j]):.9g}, {name(j)}{mode(j)}" for j in rows)
     return f" The last events: {told}."
 
 
@@ -147,11 +155,13 @@ def _table(events: SolutionEvents):
     count = int(events.count)
     if count == 0:
         return
-    yield f"{'event':>5} {'time':>14} {'guard':>5}  mode after; state after"
+    names = [events.name(int(number)) for number in events.guard[:count]]
+    wide = max(map(len, ["guard", *names]))
+    yield f"{'event':>5} {'time':>14} {'guard':>{wide}}  mode after; state after"
 
     def row(j: int) -> str:
         mode = "" if events.mode is None else f"{as_text(_row(events.mode, j))}; "
         after = as_text(_row(events.after, j))
-        return f"{j:>5} {float(events.time[j]):>14.9f} {int(events.guard[j]):>5}  {mode}{after}"
+        return f"{j:>5} {float(events.time[j]):>14.9f} {names[j]:>{wide}}  {mode}{after}"
 
     yield from rows_shown(count, row)

@@ -1,5 +1,6 @@
 """Motion of any hybrid system, with its exact gradient."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -13,6 +14,7 @@ from jaxtyping import Array, Float
 from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .discontinuities import warn_of_system
+from .export.names import event_names
 from .flattened import FlattenedSystem
 from .forward.solver import RunSettings
 from .located.system import located, own_mode, own_number
@@ -116,9 +118,11 @@ def solve(
     guards, first_mode = counts.guards, mode
     if written[0].located_discontinuities:
         system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))
+    names = event_names(written[0], counts.guards + (counts.scheduled or 0), guards - counts.guards)
     flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode)
     with waiting("compiling and simulating", progress):
         solution = _solve(flat, x0, first_mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
+    solution = eqx.tree_at(lambda s: s.events, solution, dataclasses.replace(solution.events, names=names))
     if throw == "nan":
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:

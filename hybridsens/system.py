@@ -55,6 +55,10 @@ class AbstractHybridSystem(eqx.Module):
     are listed by numbers behind those of guards and scheduled times, and take part in `max_events`. Left alone are
     `jnp.floor`, `%`, tables, comparisons of integers and those in loops and branches of `jax.lax.cond`."""
 
+    event_names: ClassVar[tuple[str, ...] | None] = None
+    """Names of the events for tables, messages and pictures, one for each guard and then for each scheduled time; a
+    property where their number is known later. None, the default, for numbers."""
+
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         warn_of_near_names(cls)

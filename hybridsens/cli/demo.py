@@ -80,9 +80,11 @@ def _events(motion: Trajectory | Solution) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _contact(scene: Any, motion: Trajectory | Solution, row: dict[str, Any]) -> dict[str, str]:
-    """The name of an event's contact, for those who read."""
-    if isinstance(motion, Solution) or row["kind"] == "switch":
+def _named(scene: Any, motion: Trajectory | Solution, row: dict[str, Any]) -> dict[str, str]:
+    """The name of an event's guard or contact, for those who read."""
+    if isinstance(motion, Solution):
+        return {"guard": motion.events.name(row["guard"])}
+    if row["kind"] == "switch":
         return {}
     names = contact_names(scene, motion.events.impulse.shape[-1])
     return {"contact": names[row["contact"]]}
@@ -105,7 +107,7 @@ def _summary(name: str, shown: Demonstration) -> dict[str, Any]:
 
 def _print_events(console: Console, scene: Any, motion: Trajectory | Solution) -> None:
     """The first and the last of them."""
-    rows = [row | _contact(scene, motion, row) for row in _events(motion)]
+    rows = [row | _named(scene, motion, row) for row in _events(motion)]
     accepted, rejected = int(motion.steps.accepted), int(motion.steps.rejected)
     print(f"status: {motion.status}")
     print(f"steps: {accepted} accepted, {rejected} rejected; events: {len(rows)}")

@@ -54,6 +54,18 @@ def names_of(dataset: Any) -> Names:
     return Names(tuple(coordinates) if named else None, tuple(contacts))
 
 
+def event_names(system: Any, count: int, comparisons: int) -> tuple[str, ...] | None:
+    """Names of the events of a system: those of its guards and scheduled times, of which there are `count`, then those
+    of its comparisons. None where all are numbers.
+
+    Raises: ValueError if the system names another number of events than it has."""
+    given = _given(system, "event_names", count, "guard and then each scheduled time")
+    if given is None and comparisons == 0:
+        return None
+    own = map(str, range(count)) if given is None else given
+    return *own, *(f"comparison {k}" for k in range(comparisons))
+
+
 def _given(scene: Any, what: str, count: int, each: str) -> list[str] | None:
     """The names that a scene gives; None without any. Raises: ValueError where they are not one for each."""
     given = getattr(scene, what, None)

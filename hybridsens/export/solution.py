@@ -20,6 +20,7 @@ def solution_dataset(solution: Any):
         **variables("cost", solution.cost),
         "event_time": ("event", np.asarray(events.time)),
         "event_guard": ("event", np.asarray(events.guard), {"long_name": "number of the event: the guard that fell"}),
+        **_named(events, "event_name"),
         **variables("event_before", events.before, "event", like="x"),
         **variables("event_after", events.after, "event", like="x"),
         **variables("event_mode", events.mode, "event", like="mode"),
@@ -28,7 +29,8 @@ def solution_dataset(solution: Any):
     if solution.ts is not None:
         coords["time"] = ("time", np.asarray(solution.ts))
         columns |= variables("x", solution.x, "time")
-    return xarray.Dataset(columns, coords, attributes("solution", solution))
+    names = {} if solution.events.names is None else {"event_names": list(solution.events.names)}
+    return xarray.Dataset(columns, coords, attributes("solution", solution) | names)
 
 
 def solution_samples(solution: Any):
@@ -45,10 +47,18 @@ def solution_events(events: Any):
     pandas = optional("pandas", "to_pandas()")
     rows = _happened(events)
     columns = {"time": np.asarray(rows.time), "guard": np.asarray(rows.guard)}
+    columns |= {name: column for name, (_, column) in _named(rows, "name").items()}
     sides = (("mode", rows.mode, "after"), ("x", rows.before, "before"), ("x", rows.after, "after"))
     for root, tree, side in sides:
         columns |= {f"{name} {side}": column for name, column in _columns(root, tree).items()}
     return pandas.DataFrame(columns, pandas.RangeIndex(len(rows.time), name="event"))
+
+
+def _named(events: Any, column: str) -> dict[str, tuple[str, list[str]]]:
+    """A column with the name of each event; none where they have no names."""
+    if events.names is None:
+        return {}
+    return {column: ("event", [events.name(int(number)) for number in events.guard])}
 
 
 def _happened(events: Any):

@@ -100,6 +100,6 @@ def _draw_events(axes: Axes, solution: Solution) -> None:
     numbers = sorted(set(guard.tolist()))
     for row, number in enumerate(numbers):
         axes.vlines(time[guard == number], row - 0.4, row + 0.4, color="black", linewidth=0.9)
-    axes.set_yticks(range(len(numbers)), [str(number) for number in numbers])
+    axes.set_yticks(range(len(numbers)), [solution.events.name(number) for number in numbers])
     axes.set_ylim(max(len(numbers), 1) - 0.4, -0.6)
     axes.set_ylabel("event")

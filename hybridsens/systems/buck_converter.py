@@ -17,6 +17,7 @@ class BuckConverter(ShippedSystem):
     The mode is {"carrier": `SWITCH`, `DIODE` or `NONE`, "cycle": ticks so far}. J is the energy that was drawn [µJ]."""
 
     t1 = 56.0
+    event_names = ("switch opens", "diode stops", "clock ticks")
 
     source: Float[Array, ""] = parameter(12.0)
     """[V]"""

@@ -27,6 +27,10 @@ class Dosing(ShippedSystem):
     before: Float[Array, ""] = parameter(20.0)
     """What the blood holds at the start [mg]."""
 
+    @property
+    def event_names(self):  # type: ignore[override]
+        return tuple(f"dose {k}" for k in range(self.times.shape[0]))
+
     def initial_state(self):
         return {"gut": jnp.zeros_like(self.before), "blood": self.before}
 

@@ -32,6 +32,11 @@ class Neurons(ShippedSystem):
     threshold: Float[Array, ""] = parameter(0.5)
     """v at which a neuron fires."""
 
+    @property
+    def event_names(self):  # type: ignore[override]
+        neurons, inputs = self.input_weights.shape
+        return *(f"neuron {k}" for k in range(neurons)), *(f"input {m}" for m in range(inputs))
+
     def initial_state(self):
         return {"v": jnp.zeros_like(self.drive), "i": jnp.zeros_like(self.drive)}
 

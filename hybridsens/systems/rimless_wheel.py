@@ -15,6 +15,7 @@ class RimlessWheel(ShippedSystem):
     after a strike, c = cos(2 half). The mode counts the steps downhill. J is the integral of rate^2."""
 
     t1 = 2.5
+    event_names = ("step down", "step up")
 
     length: Float[Array, ""] = parameter(1.0)
     """Of a spoke [m]."""

@@ -14,6 +14,7 @@ class TwoTanks(ShippedSystem):
     was spilled [m]."""
 
     t1 = 12.0
+    event_names = ("pump", "rim")
 
     inflow: Float[Array, ""] = parameter(1.5)
     """By the pump [m/min]."""

@@ -1,5 +1,7 @@
 """Out of a motion of a hybrid system lead tables, data sets and files, and a file leads back."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -31,11 +33,14 @@ def _cost(system, t, x, mode):
     return {"water": jnp.sum(x["level"]), "both": (x["level"], x["clock"][0])}
 
 
+START = {"level": jnp.zeros(2), "clock": (0.0, 7.0)}
+MODE = {"last": jnp.array(-1), "count": jnp.zeros(2, int)}
+
+
 @pytest.fixture(scope="module")
 def motion():
-    start = {"level": jnp.zeros(2), "clock": (0.0, 7.0)}
-    mode = {"last": jnp.array(-1), "count": jnp.zeros(2, int)}
-    return hs.solve(Dripping(jnp.array([0.8, 0.45])), start, mode, t1=3.0, ts=TS, running_cost=_cost, max_events=8)
+    system = Dripping(jnp.array([0.8, 0.45]))
+    return hs.solve(system, START, MODE, t1=3.0, ts=TS, running_cost=_cost, max_events=8)
 
 
 def test_samples_and_events_are_tables(motion):
@@ -107,3 +112,39 @@ def test_a_motion_without_samples_has_no_table_of_them(motion):
     """The message names what to pass."""
     with pytest.raises(ValueError, match="pass `ts=` to `solve`"):
         eqx.tree_at(lambda m: (m.ts, m.x), motion, (None, None)).to_pandas()
+
+
+class Named(Dripping):
+    event_names = ("left", "right")
+
+
+@pytest.fixture(scope="module")
+def named():
+    return hs.solve(Named(jnp.array([0.8, 0.45])), START, MODE, t1=3.0, ts=TS, max_events=8)
+
+
+def test_events_have_their_names_in_tables_and_files(named, tmp_path):
+    """Behind a file and jax.vmap too. Before: numbers."""
+    rows = [line.split() for line in str(named).splitlines() if line.split()[0].isdecimal()]
+    assert [row[2] for row in rows] == named.events.to_pandas()["name"].tolist() == ["left", "right", "left"]
+    assert named.to_xarray()["event_name"].values.tolist() == ["left", "right", "left"]
+    named.save(tmp_path / "named.nc")
+    assert hs.load(tmp_path / "named.nc").events.names == Named.event_names
+    labels = [label.get_text() for axes in hs.plot_solution(named).axes for label in axes.get_yticklabels()]
+    assert {"left", "right"} <= set(labels)
+
+
+def test_one_name_stays_one_in_a_file(named, tmp_path):
+    """A netCDF file keeps a list of one text as that text."""
+    alone = eqx.tree_at(lambda s: s.events, named, dataclasses.replace(named.events, names=("left",)))
+    alone = eqx.tree_at(lambda s: (s.events.guard, s.events.count), alone, (0 * named.events.guard, jnp.array(1)))
+    alone.save(tmp_path / "alone.nc")
+    assert hs.load(tmp_path / "alone.nc").events.names == ("left",)
+
+
+def test_events_must_have_a_name_each():
+    class Misnamed(Dripping):
+        event_names = ("left",)
+
+    with pytest.raises(ValueError, match="`event_names` of Misnamed must be a tuple of 2 names, one for each guard"):
+        hs.solve(Misnamed(jnp.ones(2)), START, MODE, t1=1.0)

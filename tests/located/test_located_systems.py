@@ -173,6 +173,8 @@ def test_a_motion_that_slides_along_a_jump_is_refused():
 
     solution = hybridsens.solve(Sliding(), 0.5, t1=1.0, throw=False)
     assert not bool(solution.status.reached_end) and float(solution.events.time[0]) == pytest.approx(0.5)
+    with pytest.raises(hybridsens.SimulationError, match="The last events: t = 0.5, comparison 0"):
+        hybridsens.solve(Sliding(), 0.5, t1=1.0)
 
 
 def test_what_no_comparison_of_numbers_tells_is_warned_of_still():
