@@ -163,12 +163,15 @@ def expected_determinant(scene, events: Events, held: bool, divergence: float) -
     """det d(q, v)/d(q, v) over a piece: Liouville's exp(int tr f_x dt) times e^2 for each impact.
 
     An impact's saltation matrix has det R_x = -e, and the guard's rate turns from h' to -e h'. A contact that is held
-    takes two directions away: 0. Impacts of several contacts at one instant are not of this kind: nan.
+    takes two directions away: 0. Impacts of several contacts at one instant are not of this kind, nor is a switch, at
+    which the force may jump: nan.
     """
     if held:
         return 0.0
     determinant = float(np.exp(divergence))
     for j in range(int(events.count)):
+        if events.kind[j] == EventKind.SWITCH:
+            return np.nan
         if events.kind[j] == EventKind.IMPACT:
             if np.sum(np.asarray(events.impulse[j]) != 0) != 1:
                 return np.nan

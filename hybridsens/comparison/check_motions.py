@@ -11,6 +11,8 @@ from jaxtyping import Array, Float
 
 from ..discontinuities import system_breaks, that_matter
 from ..interval.breaks import Break
+from ..located.system import located as located_system
+from ..mechanics.located import located as located_scene
 from ..mechanics.scene import AbstractScene
 from ..mechanics.smoothness import scene_breaks
 from ..mechanics.switches import in_mode
@@ -96,14 +98,20 @@ def _which(call: Call) -> tuple:
 
 
 def _undeclared_breaks(model, state, mode, t0, jump_ts, running_cost) -> tuple[BreakFound, ...]:
-    """Kinks and jumps of a scene or a system, without those in t alone where their times are declared."""
+    """Kinks and jumps of a scene or a system, without those that are events, and without those in t alone where their
+    times are declared."""
     declared = jump_ts is not None or model.jump_times() is not None
+    first = mode[0] if mode else None
     if isinstance(model, AbstractScene):
-        scene, running_cost = in_mode(model, running_cost, *(mode or (None,)))
+        if model.located_discontinuities:
+            model, running_cost, first = located_scene(model, running_cost, t0, state, first)
+        scene, running_cost = in_mode(model, running_cost, first)
         found = scene_breaks(scene, t0, state.q, state.v, running_cost)
     else:
+        if model.located_discontinuities:
+            model, running_cost, _, first = located_system(model, running_cost, 0, (t0, state, first))
         cost_rate = None if running_cost is None else lambda *instant: running_cost(model, *instant)
-        found = system_breaks(model, cost_rate, (t0, state, *(mode or (None,))))
+        found = system_breaks(model, cost_rate, (t0, state, first))
     return tuple(sorted(_break_found(name, b) for name, those in that_matter(found, declared).items() for b in those))
 
 
