@@ -30,7 +30,14 @@ def enclose(closed_jaxpr, arguments: Sequence[Jet]) -> Jet:
     """Range of a function of one result, and of its first two derivatives, over an interval of s on which those of its
     arguments are known. Entries made by an operation without a rule are unknown (not a number)."""
     (out,) = _run(closed_jaxpr.jaxpr, closed_jaxpr.consts, arguments)
-    return out if isinstance(out, Jet) else J.constant(out)
+    return _jet(out)
+
+
+def ranges(closed_jaxpr, arguments: Sequence[Any]) -> list[J.Interval]:
+    """Range of each result of a function, from those of the arguments that are given as intervals."""
+    nothing = lambda x: J.point(jnp.full_like(x.low, jnp.nan))
+    jets = [Jet(x, nothing(x), nothing(x)) if isinstance(x, J.Interval) else x for x in arguments]
+    return [_jet(out).value for out in _run(closed_jaxpr.jaxpr, closed_jaxpr.consts, jets)]
 
 
 def inner_jaxpr(equation):

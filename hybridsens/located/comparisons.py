@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun
 
+from ..interval.arithmetic import Interval
 from ..interval.breaks import INTERPOLATIONS, JUMPING_CALLS, SMOOTH_CALLS
-from ..interval.enclosure import CALLS, inner_jaxpr
+from ..interval.enclosure import CALLS, inner_jaxpr, ranges
 from ..interval.repeats import Distinct, identity, needed_for
 from ..xla.rewriting import calling
 
@@ -31,15 +32,15 @@ class Rule(NamedTuple):
     """Which operands are compared, (greater, less); None stands for 0."""
     result: Callable[..., Any]
     """The result, given whether each pair is in that order, and the operands."""
+    at_equality: bool | None = None
+    """Whether a pair counts as in that order where both are equal; None where the result is the same."""
 
 
-GREATER = Rule(((0, 1),), lambda above, a, b: above)
-LESS = Rule(((1, 0),), lambda above, a, b: above)
 RULES = {
-    "gt": GREATER,
-    "ge": GREATER,
-    "lt": LESS,
-    "le": LESS,
+    "gt": Rule(((0, 1),), lambda above, a, b: above, False),
+    "ge": Rule(((0, 1),), lambda above, a, b: above, True),
+    "lt": Rule(((1, 0),), lambda above, a, b: above, False),
+    "le": Rule(((1, 0),), lambda above, a, b: above, True),
     "max": Rule(((0, 1),), lambda above, a, b: jnp.where(above, a, b)),
     "min": Rule(((0, 1),), lambda above, a, b: jnp.where(above, b, a)),
     "abs": Rule(((0, None),), lambda above, a: jnp.where(above, a, -a)),
@@ -48,7 +49,10 @@ RULES = {
         ((1, 0), (2, 1)), lambda above, below, low, x, high: jnp.where(above, jnp.where(below, x, high), low)
     ),
 }
-"""At equality, which is a single instant, the outcome is that of one side."""
+"""What a sign is at 0, which is a single instant, is that of one side."""
+
+EVERYWHERE = 1e8
+"""How far from where it is, in its own size and in units, a state is moved to see whether anything moves with it."""
 
 
 class Surface(NamedTuple):
@@ -56,6 +60,8 @@ class Surface(NamedTuple):
 
     greater: Any
     less: Any | None
+    at_equality: bool
+    """The outcome where both are equal."""
     start: int
     """Where its outcomes stand among all."""
     shape: tuple[int, ...]
@@ -79,14 +85,22 @@ class Comparisons:
         self._surfaces: dict[Any, Surface] = {}
         self.count = 0
         """How many outcomes there are."""
-        moved: set[Var] = set(self._program.jaxpr.invars[: len(jax.tree.leaves(moving))])
+        self._moving = len(jax.tree.leaves(moving))
+        moved: set[Var] = set(self._program.jaxpr.invars[: self._moving])
+        levels: dict[Var, int] = {}
+        """Of comparisons, one made from the outcome of another, that a variable is made from."""
         self._compared: dict[int, list[tuple[Surface, bool]]] = {}
         """The surfaces of an equation, by its place, and whether each is asked for the other way round."""
         for place, equation in enumerate(self._program.jaxpr.eqns):
-            if moved.intersection(a for a in equation.invars if not isinstance(a, Literal)):
+            operands = [a for a in equation.invars if not isinstance(a, Literal)]
+            if moved.intersection(operands):
                 moved.update(equation.outvars)
+                level = max(levels.get(operand, 0) for operand in operands)
                 if _compares(equation):
                     self._compared[place] = [self._surface(equation, pair) for pair in _rule(equation).pairs]
+                    level += 1
+                levels.update(dict.fromkeys(equation.outvars, level))
+        self._depth = max(levels.values(), default=0)
 
     def held(self, which: int, above: jax.Array) -> Any:
         """Output number `which` of the function, with these outcomes."""
@@ -101,21 +115,55 @@ class Comparisons:
         found = self._run(asked, [equation.outvars[0] for equation in asked], above)
         return jnp.concatenate([jnp.ravel(x) for x in found]) if found else jnp.zeros(0)
 
+    def outcomes(self, differences: jax.Array) -> jax.Array:
+        """Whether greater counts as above less, for these differences."""
+        parts = [np.full(surface.shape, surface.at_equality).ravel() for surface in self._surfaces.values()]
+        at_equality = np.concatenate([np.zeros(0, bool), *parts])
+        return (differences > 0) | ((differences == 0) & at_equality)
+
+    def settled(self, above: jax.Array, changed: jax.Array) -> jax.Array:
+        """The outcomes after some have `changed`, or the mode has: those of numbers that stand still now are what they
+        are, since nothing would change them. Such is relu(x) > 0 where x < 0, or a comparison in a part that the mode
+        leaves out."""
+        if self._depth < 2 and len(self._given) == self._moving:
+            return above
+        for _ in range(self._depth):  # what stands still follows from outcomes that were settled before
+            now = self.outcomes(self.differences(above))
+            above = jnp.where(self._stands_still(above) & ~changed, now, above)
+        return above
+
+    def _stands_still(self, above: jax.Array) -> jax.Array:
+        """Whether both that are compared are the same number wherever the motion may go with these outcomes."""
+        sides = [atom for surface in self._surfaces.values() for atom in (surface.greater, surface.less)]
+        program, values = self._part([], [atom for atom in sides if atom is not None], above)
+        around = lambda x: Interval(x - EVERYWHERE * (1 + abs(x)), x + EVERYWHERE * (1 + abs(x)))
+        found = iter(ranges(program, [*map(around, values[: self._moving]), *values[self._moving :]]))
+        one_number = lambda x: x.high - x.low <= 1e3 * jnp.finfo(x.low.dtype).eps * jnp.maximum(abs(x.low), abs(x.high))
+        still = lambda atom, shape: jnp.broadcast_to(True if atom is None else one_number(next(found)), shape)
+        both = [still(s.greater, s.shape) & still(s.less, s.shape) for s in self._surfaces.values()]
+        return jnp.concatenate([jnp.ravel(x) for x in both])
+
     def _surface(self, equation: JaxprEqn, pair: tuple[int, int | None]) -> tuple[Surface, bool]:
         """The surface of a pair of operands, a new one unless it has been met; and whether it was met turned round."""
         greater: Any = equation.invars[pair[0]]
         less: Any = None if pair[1] is None else equation.invars[pair[1]]
-        key = _key(greater), _key(less)
+        key, wanted = (_key(greater), _key(less)), _rule(equation).at_equality
         for turned, known in ((False, key), (True, key[::-1])):
-            if known in self._surfaces:
-                return self._surfaces[known], turned
+            for at_equality in (False, True) if wanted is None else (wanted != turned,):
+                if (known, at_equality) in self._surfaces:
+                    return self._surfaces[known, at_equality], turned
         shape = np.broadcast_shapes(greater.aval.shape, () if less is None else less.aval.shape)
-        self._surfaces[key] = Surface(greater, less, self.count, shape)
+        new = self._surfaces[key, bool(wanted)] = Surface(greater, less, bool(wanted), self.count, shape)
         self.count += math.prod(shape)
-        return self._surfaces[key], False
+        return new, False
 
     def _run(self, more: list[JaxprEqn], results: list[Any], above: jax.Array | None) -> list[Any]:
-        """The results of the equations and some more, of which only those that are needed are run."""
+        """The results of the equations and some more."""
+        program, values = self._part(more, results, above)
+        return jaxpr_as_fun(program)(*values)
+
+    def _part(self, more: list[JaxprEqn], results: list[Any], above: jax.Array | None) -> tuple[ClosedJaxpr, list[Any]]:
+        """The program of those of the equations and some more that results are made from; and what it is given."""
         jaxpr, values = self._program.jaxpr, self._given
         equations, given = jaxpr.eqns, jaxpr.invars
         if above is not None:
@@ -124,7 +172,7 @@ class Comparisons:
             equations = [self._with(outcomes, place, equation) for place, equation in enumerate(equations)]
         needed, _ = needed_for([*equations, *more], results)
         program = jaxpr.replace(invars=given, eqns=needed, outvars=results)
-        return jaxpr_as_fun(ClosedJaxpr(program, self._program.consts))(*values)
+        return ClosedJaxpr(program, self._program.consts), values
 
     def _with(self, outcomes: Var, place: int, equation: JaxprEqn) -> JaxprEqn:
         """An equation, or what stands for it where it compares: a choice by the outcomes."""

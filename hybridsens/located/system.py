@@ -35,7 +35,8 @@ class LocatedSystem(WrappedSystem):
 
     def begin(self, t, x, own) -> LocatedMode:
         """The mode in which a motion from (t, x) begins."""
-        return LocatedMode(own, lax.stop_gradient(self._comparisons(t, x, own).differences()) > 0)
+        compared = self._comparisons(t, x, own)
+        return LocatedMode(own, compared.outcomes(lax.stop_gradient(compared.differences())))
 
     def flow(self, t, x, mode: LocatedMode):
         return self._comparisons(t, x, mode.own).held(0, mode.above)
@@ -60,7 +61,20 @@ class LocatedSystem(WrappedSystem):
             return jax.tree.map(cast, after, x), LocatedMode(jax.tree.map(cast, own, mode.own), mode.above)
 
         turned = lambda: (x, LocatedMode(mode.own, mode.above ^ changed))
-        return lax.cond(jnp.any(changed), turned, own_transition)
+        x, after = lax.cond(jnp.any(changed), turned, own_transition)
+        return x, self._settled(changed, *lax.stop_gradient((t, x)), after)
+
+    def _settled(self, changed, t, x, mode: LocatedMode) -> LocatedMode:
+        """The mode with the outcomes of what stands still now; so does a count in x that a transition of the system
+        has put on the very number that it is compared with."""
+        compared = self._comparisons(t, x, mode.own)
+        mode = LocatedMode(mode.own, compared.settled(mode.above, changed))
+        if self.guard_count == 0 and self.system.scheduled_times(x, mode.own) is None:
+            return mode
+        differences = lambda t, x: self._comparisons(t, x, mode.own).differences(mode.above)
+        now, rate = jax.jvp(differences, (t, x), (jnp.ones_like(t), self.flow(t, x, mode)))
+        waits = (now == 0) & (rate == 0) & ~changed
+        return LocatedMode(mode.own, jnp.where(waits, compared.outcomes(now), mode.above))
 
     def scheduled_times(self, x, mode: LocatedMode):
         return self.system.scheduled_times(x, mode.own)

@@ -38,7 +38,8 @@ class LocatedScene(AbstractSwitchedScene):
 
     def begin(self, t, q, v, own) -> LocatedMode:
         """The mode in which a motion from (t, q, v) begins."""
-        return LocatedMode(own, lax.stop_gradient(self._comparisons(t, q, v, own).differences()) > 0)
+        compared = self._comparisons(t, q, v, own)
+        return LocatedMode(own, compared.outcomes(lax.stop_gradient(compared.differences())))
 
     def mass_matrix(self, q):
         return self.scene.mass_matrix(q)
@@ -67,16 +68,16 @@ class LocatedScene(AbstractSwitchedScene):
         """That of the scene; or an outcome changes, and nothing else. One that a jump of v changes comes at once."""
         changed = jnp.arange(mode.above.size) == event - self.own_switches
         turned = v, LocatedMode(mode.own, mode.above ^ changed)
-        scene = self.scene
-        if not isinstance(scene, AbstractSwitchedScene):
-            return turned
+        v, after = lax.cond(jnp.any(changed), lambda: turned, lambda: self._own_switch(event, t, q, v, mode))
+        above = self._comparisons(*lax.stop_gradient((t, q, v)), after.own).settled(after.above, changed)
+        return v, LocatedMode(after.own, above)
 
-        def switched():
-            after, own = scene.switch(event, t, q, v, mode.own)
-            own = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), own, mode.own)
-            return jnp.asarray(after, v.dtype), LocatedMode(own, mode.above)
-
-        return lax.cond(jnp.any(changed), lambda: turned, switched)
+    def _own_switch(self, event, t, q, v, mode: LocatedMode):
+        if not isinstance(self.scene, AbstractSwitchedScene):
+            return v, mode
+        after, own = self.scene.switch(event, t, q, v, mode.own)
+        own = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), own, mode.own)
+        return jnp.asarray(after, v.dtype), LocatedMode(own, mode.above)
 
     def _comparisons(self, t, q, v, own) -> Comparisons:
         scene, cost = self.scene, self.running_cost

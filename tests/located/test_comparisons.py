@@ -44,7 +44,7 @@ def test_each_surface_is_found_once_and_held_outcomes_give_the_function(name):
     function, count = FUNCTIONS[name]
     compared = found(function)
     assert compared.count == count
-    above = compared.differences() > 0
+    above = compared.outcomes(compared.differences())
     np.testing.assert_allclose(compared.held(0, above), function(T, X))
 
 
@@ -62,3 +62,43 @@ def test_a_comparison_inside_of_another_is_looked_at_with_the_outer_one_held():
     compared = Comparisons(function, (T, X))
     np.testing.assert_allclose(compared.differences(), [0.5, -2.0])
     np.testing.assert_allclose(compared.differences(jnp.array([False, False])), [0.5, 5.0])
+
+
+STILL_BELOW = {
+    "relu": lambda x: jax.nn.relu(x) > 0,
+    "choice": lambda x: jnp.where(x > 0, 1.0, 0.0) > 0,
+    "at least": lambda x: jnp.where(x > 0, 1.0, 0.0) >= 1,
+    "sign": lambda x: jnp.sign(x) >= 1,
+    "clip": lambda x: jnp.clip(x, 0, 2) > 0,
+    "within a choice": lambda x: jnp.where(jax.nn.relu(x) > 0, 1.0, 0.0) > 0.5,
+    "factor": lambda x: jnp.where(x > 0, 2.0, 0.0) * (1 + x**2) > 0,
+}
+
+
+@pytest.mark.parametrize("name", STILL_BELOW)
+def test_what_stands_still_after_a_change_is_what_it_is(name):
+    """Each of these is x > 0. Where x falls to 0 its own difference stays at 0 or jumps: no guard of it would fall."""
+    condition = STILL_BELOW[name]
+    compared = Comparisons(lambda x: (jnp.where(condition(x), 1.0, 0.0), x), (jnp.array(1e-17),))
+    above = compared.outcomes(compared.differences())
+    changed = jnp.arange(compared.count) == 0
+    np.testing.assert_array_equal(compared.held(0, above), 1)
+    np.testing.assert_array_equal(compared.held(0, compared.settled(above ^ changed, changed)), 0)
+
+
+def test_a_part_that_the_mode_leaves_out_stands_still():
+    """The rest keeps its outcome, also at a place where its difference does not change for the moment."""
+    compared = lambda mode: Comparisons(
+        lambda x, mode: (jnp.where(jnp.where(mode, x, 0.0) >= 0, 1.0, 2.0) * jnp.where(jnp.cos(x) > 2, 3.0, 5.0),),
+        (jnp.array(0.0),), mode,
+    )  # fmt: skip
+    no, unchanged = jnp.array([False, False]), jnp.zeros(2, bool)
+    assert compared(jnp.array(True)).settled(no, unchanged).tolist() == [False, False]
+    assert compared(jnp.array(False)).settled(no, unchanged).tolist() == [True, False]
+
+
+def test_at_equality_a_comparison_begins_as_it_is():
+    conditions = lambda x: [x[0] >= 0.5, x[0] > 0.5, x[1] <= -2, x[1] < -2, x[0] <= 0.5]
+    compared = found(lambda t, x: jnp.stack(conditions(x)).astype(float))
+    above = compared.outcomes(compared.differences())
+    assert compared.held(0, above).tolist() == [1, 0, 1, 0, 1] and compared.count == 4

@@ -204,3 +204,42 @@ def test_a_system_that_compares_nothing_is_left_as_it_is():
 
     one, other = (moved(kind(4.0, -1.0, 0.3), jnp.array(True)) for kind in (Smooth, SpringInModes))
     assert (one.final, one.steps) == (other.final, other.steps)
+
+
+class Counted(hybridsens.AbstractHybridSystem):
+    """x falls to 0 and is raised by 1, at twice the rate from the second time on: the count is a part of the state."""
+
+    located_discontinuities = True
+    rate: jax.Array
+
+    def flow(self, t, x, mode):
+        fast = (x["count"] >= 2) & (jax.nn.relu(x["level"]) > -1)
+        return {"level": -self.rate * jnp.where(fast, 2.0, 1.0), "count": jnp.zeros(())}
+
+    def guards(self, t, x, mode):
+        return x["level"][None]
+
+    def transition(self, event, t, x, mode):
+        return {"level": x["level"] + 1, "count": x["count"] + 1}, mode
+
+
+def test_a_count_that_comes_to_the_number_it_is_compared_with_counts():
+    """It stands still there, so no guard falls. After the second raise the level is 1, then 2 rate (2.3 - 2 / rate) is
+    lost, and it is raised once more."""
+    final = lambda rate: hybridsens.solve(Counted(rate), {"level": 1.0, "count": 0.0}, t1=2.3).final["level"]
+    value, slope = jax.value_and_grad(final)(jnp.array(1.1))
+    np.testing.assert_allclose([value, slope], [6 - 4.6 * 1.1, -4.6], atol=1e-8)
+
+
+def test_a_comparison_made_of_another_turns_with_it():
+    """The overlap stays 0 below the place, so that nothing tells there that it is not above 0: its outcome changes with
+    that of the choice that it is made of."""
+
+    class Overlapping(Spring):
+        def flow(self, t, x, mode):
+            overlap = jnp.maximum(x["q"] - self.place, 0)
+            return {"q": x["v"], "v": -self.k * x["q"] + jnp.where(overlap > 0, self.force, 0.0)}
+
+    spring, by_mode = (kind(4.0, -1.0, 0.3) for kind in (Overlapping, SpringInModes))
+    one, other = (moved(*given).final["q"] for given in ((spring, None), (by_mode, jnp.array(True))))
+    np.testing.assert_allclose(one, other, atol=1e-9)
