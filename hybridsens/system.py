@@ -50,10 +50,11 @@ class AbstractHybridSystem(eqx.Module):
 
     located_discontinuities: ClassVar[bool] = False
     """Whether comparisons are events: `jnp.where(x > 0, ...)`, `jnp.abs`, `jnp.maximum`, `jnp.minimum`, `jnp.clip`,
-    `jnp.sign`, `relu` of t and x in `flow`, `guards` and running costs. Then each keeps its outcome until what it
-    compares is equal, a step ends there, and values and gradients are as exact as for a mode of your own. These events
-    are listed by numbers behind those of guards and scheduled times, and take part in `max_events`. Left alone are
-    `jnp.floor`, `%`, tables, comparisons of integers and those in loops and branches of `jax.lax.cond`."""
+    `jnp.sign`, `relu`, `jnp.floor`, `jnp.round`, `%`, `jnp.argmax` of t and x in `flow`, `guards` and running costs.
+    Then each keeps its outcome until what it compares is equal, a step ends there, and values and gradients are as
+    exact as for a mode of your own. These events are listed by numbers behind those of guards and scheduled times, and
+    take part in `max_events`. Left alone are tables, sorting, comparisons of integers and those in loops and branches
+    of `jax.lax.cond`."""
 
     event_names: ClassVar[tuple[str, ...] | None] = None
     """Names of the events for tables, messages and pictures, one for each guard and then for each scheduled time; a

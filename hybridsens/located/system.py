@@ -7,10 +7,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from ..system_checks import WrappedSystem, as_written
-from .comparisons import Comparisons
+from .comparisons import Comparisons, Outcomes
 
 
 class LocatedMode(eqx.Module):
@@ -18,15 +18,14 @@ class LocatedMode(eqx.Module):
 
     own: Any
     """The mode that the user's system speaks of."""
-    above: Bool[Array, "surface"]
-    """The outcome of each comparison, greater > less."""
+    outcomes: Outcomes
+    """Those of the comparisons."""
 
 
 class LocatedSystem(WrappedSystem):
     """A system whose comparisons of (t, x) in flow, guards and running cost keep their outcomes within a mode.
 
-    Guards 0, 1, ... are those of the system; the difference of each comparison follows, positive on the side on which
-    the motion is. Then come the scheduled times."""
+    Guards 0, 1, ... are those of the system, those of the comparisons follow. Then come the scheduled times."""
 
     running_cost: Callable[..., Any] | None
     """Of the system as the user wrote it."""
@@ -35,46 +34,44 @@ class LocatedSystem(WrappedSystem):
 
     def begin(self, t, x, own) -> LocatedMode:
         """The mode in which a motion from (t, x) begins."""
-        compared = self._comparisons(t, x, own)
-        return LocatedMode(own, compared.outcomes(lax.stop_gradient(compared.differences())))
+        return LocatedMode(own, self._comparisons(t, x, own).outcomes())
 
     def flow(self, t, x, mode: LocatedMode):
-        return self._comparisons(t, x, mode.own).held(0, mode.above)
+        return self._comparisons(t, x, mode.own).held(0, mode.outcomes)
 
     def guards(self, t, x, mode: LocatedMode):
         compared = self._comparisons(t, x, mode.own)
-        differences = compared.differences(mode.above)
-        return jnp.concatenate([compared.held(1, mode.above), sided(differences, mode.above)])
+        return jnp.concatenate([compared.held(1, mode.outcomes), compared.guards(mode.outcomes)])
 
     def cost(self, t, x, mode: LocatedMode):
         """Running cost."""
-        return self._comparisons(t, x, mode.own).held(2, mode.above)
+        return self._comparisons(t, x, mode.own).held(2, mode.outcomes)
 
     def transition(self, event, t, x, mode: LocatedMode):
         """That of the system; or an outcome changes, and nothing else. One that a jump of x changes comes at once."""
-        changed = jnp.arange(mode.above.size) == event - self.guard_count
+        number = event - self.guard_count
+        of_comparison = (number >= 0) & (number < mode.outcomes.guard_count)
 
         def own_transition():
-            number = jnp.where(event < self.guard_count, event, event - mode.above.size)
-            after, own = self.system.transition(number, t, x, mode.own)
+            asked = jnp.where(number < 0, event, event - mode.outcomes.guard_count)
+            after, own = self.system.transition(asked, t, x, mode.own)
             cast = lambda new, old: jnp.asarray(new, old.dtype)
-            return jax.tree.map(cast, after, x), LocatedMode(jax.tree.map(cast, own, mode.own), mode.above)
+            return jax.tree.map(cast, after, x), jax.tree.map(cast, own, mode.own)
 
-        turned = lambda: (x, LocatedMode(mode.own, mode.above ^ changed))
-        x, after = lax.cond(jnp.any(changed), turned, own_transition)
-        return x, self._settled(changed, *lax.stop_gradient((t, x)), after)
+        x, own = lax.cond(of_comparison, lambda: (x, mode.own), own_transition)
+        return x, self._after(number, *lax.stop_gradient((t, x)), LocatedMode(own, mode.outcomes))
 
-    def _settled(self, changed, t, x, mode: LocatedMode) -> LocatedMode:
-        """The mode with the outcomes of what stands still now; so does a count in x that a transition of the system
-        has put on the very number that it is compared with."""
+    def _after(self, number, t, x, mode: LocatedMode) -> LocatedMode:
+        """The mode with the outcomes after guard `number` of the comparisons fell, or an event of the system: that may
+        put a count in x on the very number that it is compared with."""
         compared = self._comparisons(t, x, mode.own)
-        mode = LocatedMode(mode.own, compared.settled(mode.above, changed))
+        outcomes = compared.after(number, mode.outcomes)
         if self.guard_count == 0 and self.system.scheduled_times(x, mode.own) is None:
-            return mode
-        differences = lambda t, x: self._comparisons(t, x, mode.own).differences(mode.above)
-        now, rate = jax.jvp(differences, (t, x), (jnp.ones_like(t), self.flow(t, x, mode)))
-        waits = (now == 0) & (rate == 0) & ~changed
-        return LocatedMode(mode.own, jnp.where(waits, compared.outcomes(now), mode.above))
+            return LocatedMode(mode.own, outcomes)
+        differences = lambda t, x: self._comparisons(t, x, mode.own).differences(outcomes)
+        flow = compared.held(0, outcomes)
+        _, rates = jax.jvp(differences, (t, x), (jnp.ones_like(t), flow))
+        return LocatedMode(mode.own, compared.arrived(number, outcomes, rates))
 
     def scheduled_times(self, x, mode: LocatedMode):
         return self.system.scheduled_times(x, mode.own)
@@ -87,20 +84,14 @@ class LocatedSystem(WrappedSystem):
         return Comparisons(functions, (t, x), own)
 
 
-def sided(differences, above):
-    """Differences as guards, positive on the side on which the motion is; a bound at infinity stays away."""
-    guards = jnp.where(above, differences, -differences)
-    return jnp.where(jnp.isinf(guards), 1.0, guards)
-
-
 def located(system: Any, running_cost: Callable | None, guard_count: int, instant: tuple) -> tuple[Any, ...]:
     """The system with its comparisons as guards, its running cost, its number of guards and its first mode; all as
     they were where nothing is compared. `instant` is (t, x, mode)."""
     made = LocatedSystem(system, running_cost, guard_count)
     mode = made.begin(*instant)
-    if mode.above.size == 0:
+    if mode.outcomes.guard_count == 0:
         return system, running_cost, guard_count, instant[2]
-    return made, None if running_cost is None else _cost, guard_count + mode.above.size, mode
+    return made, None if running_cost is None else _cost, guard_count + mode.outcomes.guard_count, mode
 
 
 def _cost(system: LocatedSystem, t, x, mode: LocatedMode):

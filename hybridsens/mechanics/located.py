@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..located.comparisons import Comparisons
-from ..located.system import LocatedMode, sided
+from ..located.system import LocatedMode
 from ..validation.arguments import in_type
 from .checks import check_shapes
 from .scene import AbstractScene, State
@@ -19,8 +19,7 @@ from .switches import AbstractSwitchedScene, check_mode, check_switches, in_mode
 class LocatedScene(AbstractSwitchedScene):
     """A scene whose comparisons of (t, q, v) in force, gap, switches and running cost keep their outcomes in a mode.
 
-    Switches 0, 1, ... are those of the scene; the difference of each comparison follows, positive on the side on which
-    the motion is. The mass matrix is left as it is."""
+    Switches 0, 1, ... are those of the scene, those of the comparisons follow. The mass matrix is left as it is."""
 
     scene: AbstractScene
     running_cost: Callable[..., Any] | None
@@ -38,8 +37,7 @@ class LocatedScene(AbstractSwitchedScene):
 
     def begin(self, t, q, v, own) -> LocatedMode:
         """The mode in which a motion from (t, q, v) begins."""
-        compared = self._comparisons(t, q, v, own)
-        return LocatedMode(own, compared.outcomes(lax.stop_gradient(compared.differences())))
+        return LocatedMode(own, self._comparisons(t, q, v, own).outcomes())
 
     def mass_matrix(self, q):
         return self.scene.mass_matrix(q)
@@ -51,33 +49,31 @@ class LocatedScene(AbstractSwitchedScene):
         return self.scene.gap(t, q)
 
     def force(self, t, q, v, mode: LocatedMode):
-        return self._comparisons(t, q, v, mode.own).held(0, mode.above)
+        return self._comparisons(t, q, v, mode.own).held(0, mode.outcomes)
 
     def _gap_in(self, t, q, mode: LocatedMode):
-        return self._comparisons(t, q, jnp.zeros_like(q), mode.own).held(1, mode.above)
+        return self._comparisons(t, q, jnp.zeros_like(q), mode.own).held(1, mode.outcomes)
 
     def switches(self, t, q, v, mode: LocatedMode):
         compared = self._comparisons(t, q, v, mode.own)
-        return jnp.concatenate([compared.held(2, mode.above), sided(compared.differences(mode.above), mode.above)])
+        return jnp.concatenate([compared.held(2, mode.outcomes), compared.guards(mode.outcomes)])
 
     def cost(self, t, q, v, mode: LocatedMode):
         """Running cost."""
-        return self._comparisons(t, q, v, mode.own).held(3, mode.above)
+        return self._comparisons(t, q, v, mode.own).held(3, mode.outcomes)
 
     def switch(self, event, t, q, v, mode: LocatedMode):
         """That of the scene; or an outcome changes, and nothing else. One that a jump of v changes comes at once."""
-        changed = jnp.arange(mode.above.size) == event - self.own_switches
-        turned = v, LocatedMode(mode.own, mode.above ^ changed)
-        v, after = lax.cond(jnp.any(changed), lambda: turned, lambda: self._own_switch(event, t, q, v, mode))
-        above = self._comparisons(*lax.stop_gradient((t, q, v)), after.own).settled(after.above, changed)
-        return v, LocatedMode(after.own, above)
+        number = event - self.own_switches
+        v, own = lax.cond(number >= 0, lambda: (v, mode.own), lambda: self._own_switch(event, t, q, v, mode.own))
+        outcomes = self._comparisons(*lax.stop_gradient((t, q, v)), own).after(number, mode.outcomes)
+        return v, LocatedMode(own, outcomes)
 
-    def _own_switch(self, event, t, q, v, mode: LocatedMode):
+    def _own_switch(self, event, t, q, v, own):
         if not isinstance(self.scene, AbstractSwitchedScene):
-            return v, mode
-        after, own = self.scene.switch(event, t, q, v, mode.own)
-        own = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), own, mode.own)
-        return jnp.asarray(after, v.dtype), LocatedMode(own, mode.above)
+            return v, own
+        after, changed = self.scene.switch(event, t, q, v, own)
+        return jnp.asarray(after, v.dtype), jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), changed, own)
 
     def _comparisons(self, t, q, v, own) -> Comparisons:
         scene, cost = self.scene, self.running_cost
@@ -103,7 +99,7 @@ def located(scene: AbstractScene, running_cost: Callable | None, t, state: State
     of_one_type: tuple[AbstractScene, Callable | None] = in_type((scene, running_cost), state.q.dtype)
     made = LocatedScene(*of_one_type, count)
     first = made.begin(t, state.q, state.v, mode)
-    if first.above.size == 0:
+    if first.outcomes.guard_count == 0:
         return scene, running_cost, mode
     return made, None if running_cost is None else _cost, first
 

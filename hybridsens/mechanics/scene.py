@@ -58,11 +58,11 @@ class AbstractScene(eqx.Module):
 
     located_discontinuities: ClassVar[bool] = False
     """Set to True in a scene whose comparisons are to be events: `jnp.where(q[0] > 0, ...)`, `jnp.abs`, `jnp.maximum`,
-    `jnp.minimum`, `jnp.clip`, `jnp.sign`, `relu` of t, q and v in `force`, `gap` and running costs. Then each keeps its
-    outcome until what it compares is equal, a step ends there, and values and gradients are as exact as for a switch of
-    your own. These events are listed as switches, numbered behind those of the scene, and take part in `max_events`.
-    Left alone are the mass matrix, `jnp.floor`, `%`, tables, comparisons of integers and those in loops and branches of
-    `jax.lax.cond`. A motion that slides along such a jump, as dry friction at rest does, ends with a status."""
+    `jnp.minimum`, `jnp.clip`, `jnp.sign`, `relu`, `jnp.floor`, `jnp.round`, `%`, `jnp.argmax` of t, q and v in `force`,
+    `gap` and running costs. Then each keeps its outcome until what it compares is equal, a step ends there, and values
+    and gradients are as exact as for a switch of your own. These events are listed as switches, numbered behind those
+    of the scene, and take part in `max_events`. Left alone are the mass matrix, tables, sorting, comparisons of
+    integers and those in loops and branches of `jax.lax.cond`. A motion that slides along such a jump, as dry friction at rest does, ends with a status."""
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hybridsens.located.comparisons import Comparisons
+from hybridsens.located.comparisons import Comparisons, Outcomes
 
 T, X = jnp.array(0.5), jnp.array([0.5, -2.0])
 
@@ -35,33 +35,72 @@ FUNCTIONS = {
     "not needed": (lambda t, x: (jnp.where(x[0] > 0, 1.0, 2.0), x[0])[1], 0),
     "smooth inside": (lambda t, x: jnp.hypot(x[0], x[1]) + jnp.logaddexp(x[0], x[1]), 0),
     "table": (lambda t, x: jnp.interp(x[0], jnp.arange(3.0), jnp.arange(3.0) ** 2), 0),
-    "remainder": (lambda t, x: x[0] % 1, 0),
+    "looped": (lambda t, x: jax.lax.fori_loop(0, 2, lambda k, y: jnp.maximum(y, x[0]), 0.0), 0),
+    "of many": (lambda t, x: jnp.max(x[0] + jnp.arange(17.0)), 0),
+    "largest": (lambda t, x: jnp.max(jnp.stack([t, x[0], x[1]])), 2),
+    "which is largest": (lambda t, x: 1.0 * jnp.argmax(jnp.stack([t, x[0], x[1], 2 * t])), 3),
+    "least of rows": (lambda t, x: jnp.min(jnp.outer(x, jnp.array([t, 1.0, -1.0])), axis=1), 4),
+    "floor": (lambda t, x: jnp.floor(x), 4),
+    "ceil": (lambda t, x: jnp.ceil(x[0]), 2),
+    "round": (lambda t, x: jnp.round(3 * x[1]), 2),
+    "remainder": (lambda t, x: x[1] % 0.7, 2),
+    "whole part": (lambda t, x: x[1] // 0.7, 2),
+    "both parts": (lambda t, x: sum(jnp.divmod(x[1], 0.7)), 2),
+    "truncated": (lambda t, x: jnp.trunc(x[1] - 0.3), 5),
 }
+"""With the number of guards that tell where an outcome changes: two of each floor."""
+
+
+
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_each_surface_is_found_once_and_held_outcomes_give_the_function(name):
     function, count = FUNCTIONS[name]
     compared = found(function)
-    assert compared.count == count
-    above = compared.outcomes(compared.differences())
-    np.testing.assert_allclose(compared.held(0, above), function(T, X))
+    outcomes = compared.outcomes()
+    assert compared.guards(outcomes).shape == (outcomes.guard_count,) == (count,)
+    assert np.all(np.asarray(compared.guards(outcomes)) >= 0)
+    np.testing.assert_allclose(compared.held(0, outcomes), function(T, X), rtol=1e-6)
 
 
 def test_with_an_outcome_held_the_function_goes_on_beyond_the_surface():
     """Value and derivative are those of the other side, and the difference tells how far it is away."""
     function = lambda t, x: (jnp.where(x[0] > 0.3, x[0] ** 2, 7.0),)
-    held = lambda x: Comparisons(function, (T, x)).held(0, jnp.array([True]))
+    above = Outcomes(jnp.array([True]), jnp.zeros(0))
+    held = lambda x: Comparisons(function, (T, x)).held(0, above)
     beyond = jnp.array([0.1, 0.0])
     np.testing.assert_allclose([held(beyond), jax.grad(held)(beyond)[0]], [0.01, 0.2], rtol=1e-6)
-    np.testing.assert_allclose(Comparisons(function, (T, beyond)).differences(jnp.array([True])), [-0.2], rtol=1e-6)
+    np.testing.assert_allclose(Comparisons(function, (T, beyond)).guards(above), [-0.2], rtol=1e-6)
 
 
 def test_a_comparison_inside_of_another_is_looked_at_with_the_outer_one_held():
     function = lambda t, x: (jnp.abs(jnp.where(x[0] > 0, x[1], 5.0)),)
     compared = Comparisons(function, (T, X))
-    np.testing.assert_allclose(compared.differences(), [0.5, -2.0])
-    np.testing.assert_allclose(compared.differences(jnp.array([False, False])), [0.5, 5.0])
+    np.testing.assert_allclose(compared.differences().surface, [0.5, -2.0])
+    below = Outcomes(jnp.array([False, False]), jnp.zeros(0))
+    np.testing.assert_allclose(compared.differences(below).surface, [0.5, 5.0])
+
+
+@pytest.mark.parametrize("place", [2.0, 3.0, -1.0, 0.0])
+def test_a_floor_turns_its_guard_where_it_is_passed(place):
+    """The guard that fell is on 0 and rising, the other one half a way of 2 off: neither would fall again."""
+    at = lambda x: Comparisons(lambda x: (jnp.floor(x),), (jnp.array(x),))
+    for way, before, after in ((1, place - 1, place), (-1, place, place - 1)):
+        outcomes = at(place - way * 1e-9).outcomes()
+        assert outcomes.whole.tolist() == [before]
+        fell = jnp.argmin(at(place).guards(outcomes))
+        passed = at(place).after(fell, outcomes)
+        assert passed.whole.tolist() == [after]
+        np.testing.assert_allclose(np.sort(at(place).guards(passed)), [0, 1])
+        assert at(place + way * 0.1).guards(passed)[fell] > 0
+
+
+def test_a_floor_goes_to_where_a_jump_has_led():
+    at = lambda x: Comparisons(lambda x: (jnp.floor(x),), (jnp.array(x),))
+    outcomes = at(0.5).outcomes()
+    fell = jnp.argmin(at(7.5).guards(outcomes))
+    assert at(7.5).after(fell, outcomes).whole.tolist() == [7]
 
 
 STILL_BELOW = {
@@ -72,6 +111,7 @@ STILL_BELOW = {
     "clip": lambda x: jnp.clip(x, 0, 2) > 0,
     "within a choice": lambda x: jnp.where(jax.nn.relu(x) > 0, 1.0, 0.0) > 0.5,
     "factor": lambda x: jnp.where(x > 0, 2.0, 0.0) * (1 + x**2) > 0,
+    "floor": lambda x: jnp.floor(jnp.where(x > 0, 1.5, 0.5)) > 0,
 }
 
 
@@ -80,10 +120,9 @@ def test_what_stands_still_after_a_change_is_what_it_is(name):
     """Each of these is x > 0. Where x falls to 0 its own difference stays at 0 or jumps: no guard of it would fall."""
     condition = STILL_BELOW[name]
     compared = Comparisons(lambda x: (jnp.where(condition(x), 1.0, 0.0), x), (jnp.array(1e-17),))
-    above = compared.outcomes(compared.differences())
-    changed = jnp.arange(compared.count) == 0
-    np.testing.assert_array_equal(compared.held(0, above), 1)
-    np.testing.assert_array_equal(compared.held(0, compared.settled(above ^ changed, changed)), 0)
+    outcomes = compared.outcomes()
+    np.testing.assert_array_equal(compared.held(0, outcomes), 1)
+    np.testing.assert_array_equal(compared.held(0, compared.after(jnp.array(0), outcomes)), 0)
 
 
 def test_a_part_that_the_mode_leaves_out_stands_still():
@@ -92,13 +131,14 @@ def test_a_part_that_the_mode_leaves_out_stands_still():
         lambda x, mode: (jnp.where(jnp.where(mode, x, 0.0) >= 0, 1.0, 2.0) * jnp.where(jnp.cos(x) > 2, 3.0, 5.0),),
         (jnp.array(0.0),), mode,
     )  # fmt: skip
-    no, unchanged = jnp.array([False, False]), jnp.zeros(2, bool)
-    assert compared(jnp.array(True)).settled(no, unchanged).tolist() == [False, False]
-    assert compared(jnp.array(False)).settled(no, unchanged).tolist() == [True, False]
+    below = Outcomes(jnp.array([False, False]), jnp.zeros(0))
+    after = lambda mode: compared(jnp.array(mode)).after(jnp.array(-1), below).above.tolist()
+    assert after(True) == [False, False]
+    assert after(False) == [True, False]
 
 
 def test_at_equality_a_comparison_begins_as_it_is():
     conditions = lambda x: [x[0] >= 0.5, x[0] > 0.5, x[1] <= -2, x[1] < -2, x[0] <= 0.5]
     compared = found(lambda t, x: jnp.stack(conditions(x)).astype(float))
-    above = compared.outcomes(compared.differences())
-    assert compared.held(0, above).tolist() == [1, 0, 1, 0, 1] and compared.count == 4
+    outcomes = compared.outcomes()
+    assert compared.held(0, outcomes).tolist() == [1, 0, 1, 0, 1] and outcomes.guard_count == 4

@@ -178,12 +178,41 @@ def test_a_motion_that_slides_along_a_jump_is_refused():
 
 
 def test_what_no_comparison_of_numbers_tells_is_warned_of_still():
-    class Stairs(Spring):
+    class Sorted(Spring):
         def flow(self, t, x, mode):
-            return {"q": x["v"], "v": -jnp.floor(4 * x["q"]) - jnp.abs(x["v"])}
+            return {"q": x["v"], "v": -jnp.sort(jnp.stack([4 * x["q"], x["v"], t]))[1] - jnp.abs(x["v"])}
 
-    with pytest.warns(hybridsens.DiscontinuityWarning, match=r"`flow` must be smooth, but has jnp\.floor of x\."):
-        moved(Stairs(4.0, -1.0, 0.3), throw=False)
+    with pytest.warns(hybridsens.DiscontinuityWarning, match=r"`flow` must be smooth, but has jnp\.sort of t and x\."):
+        moved(Sorted(4.0, -1.0, 0.3), throw=False)
+
+
+class PulseWidth(hybridsens.AbstractHybridSystem):
+    """A pulse of height 2 in each period, and a sawtooth."""
+
+    located_discontinuities = True
+    period: jax.Array
+    duty: jax.Array
+
+    def flow(self, t, x, mode):
+        since_tick = t % self.period
+        return 2 * jnp.where(since_tick < self.duty * self.period, 1.0, 0.0) + since_tick
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+@pytest.mark.filterwarnings("error::hybridsens.DiscontinuityWarning")
+def test_a_remainder_of_time_ticks():
+    """Until t = 2 there are three pulses of length 0.35 * 0.7 and two and a part teeth; a tick ends a tooth, and
+    begins a pulse."""
+    final = lambda period, duty: hybridsens.solve(PulseWidth(period, duty), 0.0, t1=2.0, **TOLERANCES).final
+    value, slopes = jax.value_and_grad(final, (0, 1))(jnp.array(0.7), jnp.array(0.35))
+    teeth, by_period = 0.7**2 + 0.6**2 / 2, 2 * 0.7 - 2 * 0.6
+    np.testing.assert_allclose(value, 6 * 0.35 * 0.7 + teeth, atol=1e-9)
+    np.testing.assert_allclose(slopes, [6 * 0.35 + by_period, 6 * 0.7], atol=1e-8)
 
 
 def test_a_bound_at_infinity_is_never_met():
