@@ -62,7 +62,8 @@ class AbstractScene(eqx.Module):
     `gap` and running costs. Then each keeps its outcome until what it compares is equal, a step ends there, and values
     and gradients are as exact as for a switch of your own. These events are listed as switches, numbered behind those
     of the scene, and take part in `max_events`. Left alone are the mass matrix, tables, sorting, comparisons of
-    integers and those in loops and branches of `jax.lax.cond`. A motion that slides along such a jump, as dry friction at rest does, ends with a status."""
+    integers and those in loops and branches of `jax.lax.cond`. A motion that slides along such a jump, as dry friction
+    at rest does, ends with a status."""
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
