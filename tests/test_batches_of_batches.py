@@ -42,6 +42,13 @@ def alone():
     return jnp.stack([jacobian(p) for p in LANES])
 
 
+@pytest.mark.parametrize("mapped", [end, jax.jacrev(end)], ids=["value", "gradient"])
+def test_an_empty_batch_has_an_empty_result(mapped):
+    """It was a division by zero."""
+    alike = jax.eval_shape(mapped, LANES[0])
+    assert jax.vmap(mapped)(LANES[:0]).shape == (0, *alike.shape)
+
+
 @pytest.mark.slow
 def test_a_batch_of_jacobians(alone):
     """By rows: parameters and entries of the result are two axes."""

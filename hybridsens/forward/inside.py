@@ -145,8 +145,12 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     is_shortest = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
     # A guard that is no number would never fall. A rate may be infinite where a gap is a square root.
     known = jnp.all(jnp.isfinite(guard) & ~jnp.isnan(rate))
-    t_root = t0 + jnp.min(jnp.where(on_guard | is_shortest | ~known, jnp.inf, root), initial=jnp.inf) * h
-    ends_early = t_root < resolution.stop - time_resolution(t1, AT_END)
+    roots = t0 + jnp.where(on_guard | is_shortest | ~known, jnp.inf, root) * h
+    early = roots < resolution.stop - time_resolution(t1, AT_END)
+    # What falls so little before the end of the solve fires at the end, and by the same root: left below zero, it would
+    # be lost to a solve that goes on from here.
+    on_guard |= (t1 >= resolution.stop) & (guard < 0) & (rate < 0) & ~early & known & _may_fire(resolution)
+    t_root, ends_early = jnp.min(roots, initial=jnp.inf), jnp.any(early)
     cubic = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
     split = jnp.min(tangents_meet_below(*cubic), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*cubic), 0.5, split)
@@ -162,16 +166,16 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
     """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling; and which of
     all have jumped below zero."""
     h, guard, rate, rounded = step.t1 - step.t0, step.guard1, step.rate1, resolution.rounding
-    # A guard that the segment has not left yet fires only after a root inside a step was found.
-    may_fire = (resolution.noise == 0) | (resolution.shortenings > 0)
     close = jnp.abs(guard) <= rounded - time_resolution(step.t1, resolution.shortenings) * rate
     below_after_shortest = (h <= time_resolution(step.t0, 1)) & (guard < 0)
-    # No step is cut to end so little before the end of the solve. What fell there fires at the end: left below zero,
-    # it would be lost to a solve that goes on from here.
-    fell_at_end = (step.t1 >= resolution.stop) & (guard < 0) & (guard >= time_resolution(step.t1, AT_END) * rate)
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.
     fell = step.guard0 - guard
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))
     counts_as_zero = closeness(guard.dtype) / rounding(guard.dtype) * rounded
     jumped = below_after_shortest & (fell > explained + counts_as_zero)
-    return may_fire & (((rate < 0) & (close | below_after_shortest | fell_at_end)) | jumped), jumped
+    return _may_fire(resolution) & (((rate < 0) & (close | below_after_shortest)) | jumped), jumped
+
+
+def _may_fire(resolution: Resolution) -> Bool[Array, "guard"]:
+    """A guard that the segment has not left yet fires only after a root inside a step was found."""
+    return (resolution.noise == 0) | (resolution.shortenings > 0)

@@ -16,8 +16,8 @@ def rounding(dtype) -> float:
 MOST_RELAXED = 5
 """1e-12 of what the clock shows. More would be a second at 1e8 s: events came before their guards fell."""
 
-AT_END = 3
-"""An event by less than `time_resolution(t, 3)` before the end of a solve is not told from that end."""
+AT_END = 1
+"""An event by less than `time_resolution(t, 1)` before the end of a solve is not told from that end."""
 
 
 def time_resolution(t, relaxation):

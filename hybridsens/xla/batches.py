@@ -68,7 +68,8 @@ class Mapped:
     def of_elements(self, batched: tuple[bool, ...], axis_size: int) -> "Mapped":
         """What is done with the elements of an axis."""
         chosen = self.choice(batched) if self.choice else None
-        narrowed = dataclasses.replace(self, unbatched=None, room=self.room // axis_size)
+        room = self.room // max(axis_size, 1)  # a batch may be empty
+        narrowed = dataclasses.replace(self, unbatched=None, room=room)
         return dataclasses.replace(narrowed, function=chosen, choice=None) if chosen else narrowed
 
     def together(self, axes: tuple) -> "Mapped":
@@ -135,7 +136,8 @@ def _map(mapped: Mapped, batched, flags, leaves, tree) -> tuple[Done, Done]:
         elements = iter(elements)
         return tree.unflatten([next(elements) if flag else leaf for leaf, flag in zip(leaves, flags, strict=True)])
 
-    shapes = jax.eval_shape(mapped.function, *whole([leaf[0] for leaf in given]))
+    one = [jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype) for leaf in given]  # an empty batch has no first element
+    shapes = jax.eval_shape(mapped.function, *whole(one))
     keeps = size * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(shapes.kept)) <= mapped.room
 
     def call(elements):
