@@ -9,6 +9,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from ..validation.arguments import whole_number
+
 
 class GrowingHorizon(eqx.Module):
     """Fit the beginning first; after every step the horizon reaches as far as the motion follows the record.
@@ -31,10 +33,11 @@ class GrowingHorizon(eqx.Module):
     parameter)."""
 
     def __check_init__(self):
-        if not 0 < self.first < 1 or not self.growth > 1 or not self.trust > 0 or self.steps < 1:
+        whole_number("`steps`", self.steps)
+        if not 0 < self.first < 1 or not self.growth > 1 or not self.trust > 0:
             raise ValueError(
-                "`first` must lie inside (0, 1), `growth` above 1, `trust` above 0 and `steps` at 1 or more, but they "
-                f"are {self.first}, {self.growth}, {self.trust} and {self.steps}."
+                "`first` must lie inside (0, 1), `growth` above 1 and `trust` above 0, but they are "
+                f"{self.first}, {self.growth} and {self.trust}."
             )
 
     @property

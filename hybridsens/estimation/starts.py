@@ -9,6 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from ..validation.arguments import whole_number
 from .growing import Growing
 from .optimizers import Method
 from .problem import Problem
@@ -25,10 +26,9 @@ class RandomStarts(eqx.Module):
     """Of the random numbers: the same seed gives the same points."""
 
     def __check_init__(self):
-        if self.count < 1 or not 0 < self.spread < 1:
-            raise ValueError(
-                f"`count` must be >= 1 and `spread` inside (0, 1), but they are {self.count} and {self.spread}."
-            )
+        whole_number("`count`", self.count)
+        if not 0 < self.spread < 1:
+            raise ValueError(f"`spread` must lie inside (0, 1), but is {self.spread}.")
 
 
 class Starts(NamedTuple):

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from hybridsens.estimation import GrowingHorizon, fit, measurements, read_measurements
+from hybridsens.estimation import GrowingHorizon, RandomStarts, fit, measurements, read_measurements
 from hybridsens.estimation.fit import check_limits, check_robust, check_strategy, chosen_starts
 from hybridsens.estimation.optimizers import chosen_method
 from hybridsens.estimation.parameters import select
@@ -61,6 +61,9 @@ def test_priors_need_sigmas():
         (lambda: chosen_method("adm"), "`optimizer` must be one of .* but is 'adm'. Did you mean 'adam'"),
         (lambda: chosen_starts(2.0), r"`starts`, if it is not RandomStarts.*, must be an integer >= 1, but is 2.0"),
         (lambda: chosen_starts(0), "`starts`.* must be an integer >= 1, but is 0"),
+        (lambda: RandomStarts(count=2.5), "`count` must be an integer >= 1, but is 2.5"),
+        (lambda: RandomStarts(spread=0.0), r"`spread` must lie inside \(0, 1\), but is 0.0"),
+        (lambda: GrowingHorizon(steps=2.5), "`steps` must be an integer >= 1, but is 2.5"),
         (lambda: check_strategy(GrowingHorizon), r"`strategy` must be a GrowingHorizon\(\) or None, but is the class"),
         (lambda: check_strategy("growing"), r"`strategy` must be a GrowingHorizon\(\) or None, but is 'growing'"),
         (lambda: check_limits("3", 20), "`max_iterations` must be an integer >= 1, but is '3'"),
