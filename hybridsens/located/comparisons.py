@@ -8,53 +8,23 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..interval.arithmetic import Interval
 from ..interval.enclosure import ranges
 from ..interval.repeats import identity, needed_for
 from ..xla.rewriting import calling
+from .outcomes import Differences, Outcomes, Which
 from .rules import RULES, Flat, Rule, compares, steps
 
 EVERYWHERE = 1e8
 """How far from where it is, in its own size and in units, a state is moved to see whether anything moves with it."""
-
-
-class Outcomes(eqx.Module):
-    """What all comparisons of a function come to."""
-
-    above: Bool[Array, "surface"]
-    """Whether greater > less."""
-    whole: Float[Array, "step"]
-    """The floors."""
-
-    @property
-    def guard_count(self) -> int:
-        """How many guards tell where one changes: a floor changes at two places."""
-        return self.above.size + 2 * self.whole.size
-
-
-class Differences(NamedTuple):
-    """How far what is compared is apart."""
-
-    surface: Float[Array, "surface"]
-    """greater - less"""
-    step: Float[Array, "step"]
-    """What the floors are of."""
-
-
-class Which(NamedTuple):
-    """Some of the outcomes."""
-
-    surface: Bool[Array, "surface"]
-    step: Bool[Array, "step"]
 
 
 class Surface(NamedTuple):
@@ -136,48 +106,32 @@ class Comparisons:
         return Differences(joined(found[: len(apart)]), joined(found[len(apart) :]))
 
     def guards(self, outcomes: Outcomes) -> Float[Array, "guard"]:
-        """Guards that fall where an outcome changes; a bound at infinity stays away."""
-        found = self.differences(outcomes)
-        sided = jnp.where(outcomes.above, found.surface, -found.surface)
-        sided = jnp.where(jnp.isinf(sided), 1.0, sided)
-        # One guard for even places and one for odd ones: at a place that is passed its guard turns, and no other one
-        # comes to zero.
-        down, up, even = found.step - outcomes.whole, outcomes.whole + 1 - found.step, _is_even(outcomes.whole)
-        return jnp.concatenate([sided, jnp.where(even, down, up), jnp.where(even, up, down)])
+        """Guards that fall where an outcome changes."""
+        return outcomes.guards(self.differences(outcomes))
 
     def after(self, guard: Int[Array, ""], outcomes: Outcomes) -> Outcomes:
         """The outcomes after one of these guards fell, or none, and with the mode that there is now: those of numbers
         that stand still are what they are, since nothing would change them. Such is relu(x) > 0 where x < 0, or a
         comparison in a part that the mode leaves out."""
-        changed = _of_guard(guard, outcomes)
-        outcomes = Outcomes(outcomes.above ^ changed.surface, self._stepped(guard, outcomes))
+        changed = outcomes.of_guard(guard)
+        outcomes = outcomes.passed(guard, self.differences(outcomes))
         if self._depth < 2 and len(self._given) == self._moving:
             return outcomes
         for _ in range(self._depth):  # what stands still follows from outcomes that were settled before
-            outcomes = self._replaced(outcomes, self._stand_still(outcomes), changed)
+            outcomes = self._looked_at(outcomes, self._stand_still(outcomes), changed)
         return outcomes
 
     def arrived(self, guard: Int[Array, ""], outcomes: Outcomes, rates: Differences) -> Outcomes:
         """The outcomes where what is compared changes at these rates: those of what has come to a rest are what they
         are, unless that guard fell just now."""
         now = self.differences(outcomes)
-        rest = Which((now.surface == 0) & (rates.surface == 0), rates.step == 0)
-        return self._replaced(outcomes, rest, _of_guard(guard, outcomes))
+        at_rest = Which((now.surface == 0) & (rates.surface == 0), rates.step == 0)
+        return self._looked_at(outcomes, at_rest, outcomes.of_guard(guard))
 
-    def _replaced(self, outcomes: Outcomes, wanted: Which, changed: Which) -> Outcomes:
+    def _looked_at(self, outcomes: Outcomes, wanted: Which, changed: Which) -> Outcomes:
         """The outcomes, with some of them as they are now, but for those that changed."""
         now = self.outcomes(self.differences(outcomes))
-        surface, step = (some & ~those for some, those in zip(wanted, changed, strict=True))
-        return Outcomes(jnp.where(surface, now.above, outcomes.above), jnp.where(step, now.whole, outcomes.whole))
-
-    def _stepped(self, guard, outcomes: Outcomes) -> jax.Array:
-        """The floors after a guard fell: the next one, or where a jump has led to."""
-        count, size = outcomes.above.size, outcomes.whole.size
-        number, there = jnp.arange(size), jnp.floor(lax.stop_gradient(self.differences(outcomes).step))
-        whole, even = outcomes.whole, _is_even(outcomes.whole)
-        at_even, at_odd = number == guard - count, number == guard - count - size
-        down, up = jnp.where(even, at_even, at_odd), jnp.where(even, at_odd, at_even)
-        return jnp.where(down, jnp.minimum(whole - 1, there), jnp.where(up, jnp.maximum(whole + 1, there), whole))
+        return outcomes.replaced(now, Which(wanted.surface & ~changed.surface, wanted.step & ~changed.step))
 
     def _stand_still(self, outcomes: Outcomes) -> Which:
         """Whether what is compared is one number wherever the motion may go with these outcomes."""
@@ -253,17 +207,6 @@ def _room(known: dict[Any, Any]) -> int:
 def _rows(outcomes: jax.Array, of: Surface | Step) -> jax.Array:
     """Those of a surface or a floor, in its shape."""
     return outcomes[of.start : of.start + math.prod(of.shape)].reshape(of.shape)
-
-
-def _of_guard(guard, outcomes: Outcomes) -> Which:
-    """The one whose guard this is."""
-    count, size = outcomes.above.size, outcomes.whole.size
-    step = guard - count
-    return Which(jnp.arange(count) == guard, (jnp.arange(size) == step) | (jnp.arange(size) == step - size))
-
-
-def _is_even(whole: jax.Array) -> jax.Array:
-    return whole % 2 == 0
 
 
 def _is_one_number(x: Interval) -> jax.Array:

@@ -46,21 +46,22 @@ RULES = {
 }
 """What a sign is at 0, which is a single instant, is that of one side."""
 
-BY_FLOORS = {
-    "ceil": lambda x: -jnp.floor(-x),
-    "round": lambda x: jnp.floor(x + 0.5),
+BY_FLOORS = {"ceil": lambda x: -jnp.floor(-x), "round": lambda x: jnp.floor(x + 0.5)}
+"""Operations that are made of floors. Halves are rounded up, at a single instant."""
+
+CALLS_BY_FLOORS = {
     "remainder": lambda x, y: x - y * jnp.floor(x / y),
     "floor_divide": lambda x, y: jnp.floor(x / y),
     "divmod": lambda x, y: (jnp.floor(x / y), x - y * jnp.floor(x / y)),
 }
-"""Operations, and calls of JAX by their names, that are made of floors. Halves are rounded up, at a single instant."""
+"""Functions of JAX that are, by the names of their calls."""
 
 LARGEST = {"reduce_max": jnp.greater_equal, "argmax": jnp.greater_equal}
 LEAST = {"reduce_min": jnp.less_equal, "argmin": jnp.less_equal}
 MOST = 16
 """Of how many numbers the largest is found by comparisons of two."""
 
-OPAQUE = SMOOTH_CALLS | (JUMPING_CALLS.keys() - BY_FLOORS.keys()) | set(INTERPOLATIONS)
+OPAQUE = SMOOTH_CALLS | (JUMPING_CALLS.keys() - CALLS_BY_FLOORS.keys()) | set(INTERPOLATIONS)
 """Functions of JAX that are smooth although they compare inside, or whose place is not where one number is another."""
 
 
@@ -92,6 +93,8 @@ class Flat(Distinct):
 def _made_of(equation: JaxprEqn) -> Callable | None:
     """The same by operations that have a rule; None for one that has, or that cannot be made of such."""
     name = _name(equation)
+    if _is_call(equation):
+        return CALLS_BY_FLOORS[name] if name in CALLS_BY_FLOORS and _divides(equation) else None
     if name in BY_FLOORS and _is_real(equation):
         return BY_FLOORS[name]
     which = (LARGEST | LEAST).get(name)
@@ -103,6 +106,12 @@ def _made_of(equation: JaxprEqn) -> Callable | None:
         return None
     result = "index" if name.startswith("arg") else "value"
     return lambda x: _first(which, x, equation.params["axes"])[result].astype(made.dtype)
+
+
+def _divides(equation: JaxprEqn) -> bool:
+    """Whether a call is that of JAX, and not of another function of that name."""
+    inside = [inner.primitive.name for inner in inner_jaxpr(equation)[0].eqns]
+    return _is_real(equation) and {"rem", "select_n"} <= set(inside)
 
 
 def _first(before: Callable, x: jax.Array, axes: Sequence[int]) -> dict[str, jax.Array]:

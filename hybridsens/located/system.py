@@ -10,7 +10,8 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from ..system_checks import WrappedSystem, as_written
-from .comparisons import Comparisons, Outcomes
+from .comparisons import Comparisons
+from .outcomes import Outcomes
 
 
 class LocatedMode(eqx.Module):

@@ -5,7 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hybridsens.located.comparisons import Comparisons, Outcomes
+from hybridsens.located.comparisons import Comparisons
+from hybridsens.located.outcomes import Outcomes
+
+
+@jax.jit
+def remainder(x, y):
+    return jnp.maximum(x, -y)
+
 
 T, X = jnp.array(0.5), jnp.array([0.5, -2.0])
 
@@ -46,6 +53,8 @@ FUNCTIONS = {
     "remainder": (lambda t, x: x[1] % 0.7, 2),
     "whole part": (lambda t, x: x[1] // 0.7, 2),
     "both parts": (lambda t, x: sum(jnp.divmod(x[1], 0.7)), 2),
+    "rounded to a place": (lambda t, x: jnp.round(x[0] + 0.03, 1), 2),
+    "of another's name": (lambda t, x: remainder(x[1], 0.7), 1),
     "truncated": (lambda t, x: jnp.trunc(x[1] - 0.3), 5),
 }
 """With the number of guards that tell where an outcome changes: two of each floor."""
