@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "solution": {"outcome", "status", "export", "numerics"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status"},
-    "solve": {"waiting"} | FRONT - {"simulate"} | METHOD | BASE,
+    "solve": {"export", "waiting"} | FRONT - {"simulate"} | METHOD | BASE,
     "simulate": {"mechanics", "waiting"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
     "scenes": {"mechanics"},
     "systems": {"system"},
