@@ -91,7 +91,7 @@ def test_a_ball_is_that_of_the_scene():
     assert_close(jax.jacrev(general)(p), jax.jacrev(scene)(p), 1e-11)
 
 
-@BOTH
+@ONE
 @pytest.mark.parametrize("start", [1.0, -1.0])
 def test_a_section_is_passed_downward_only(adjoint, start):
     """From above and from below 0: every period once, and none of the silent rises is reported."""

@@ -52,7 +52,7 @@ def _uncontrolled(cost):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("forward", [False, True], ids=[REPLAY, FORWARD])
+@pytest.mark.parametrize("forward", [False, pytest.param(True, marks=pytest.mark.slow)], ids=[REPLAY, FORWARD])
 def test_second_derivatives_at_rest(forward):
     """q(T)^2 / 2 at rest: its gradient is 0, its Hessian is the outer product of the derivatives of q(T)."""
     base = point_of(springs_at(20, **STOP))
@@ -87,7 +87,11 @@ def test_control_leaves_a_lively_motion_as_it_is():
     assert np.max(np.abs(flat(gradient) - flat(plain))) <= 1e-9 * np.max(np.abs(flat(plain)))
 
 
-@pytest.mark.parametrize("method", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
+@pytest.mark.parametrize(
+    "method",
+    [hs.Replay(), pytest.param(hs.ForwardSensitivities(), marks=pytest.mark.slow)],
+    ids=["reverse", "forward"],
+)
 def test_a_derivative_that_runs_out_of_steps_is_no_number(method):
     """The motion takes a few steps, its derivative over a thousand seconds more than 4 x 16: by state and parameter."""
 
