@@ -40,7 +40,9 @@ class SolutionEvents(eqx.Module):
     """The name of each number in `guard`, where the system has `event_names` or its comparisons are events."""
 
     def name(self, number: int) -> str:
-        """What an event of this number is called."""
+        """What an event of this number is called; "" for the -1 of a row beyond `count`."""
+        if number < 0:
+            return ""
         return str(number) if self.names is None else self.names[number]
 
     def to_pandas(self):

@@ -106,7 +106,8 @@ def test_no_cut_loses_a_spike():
 
 
 def test_an_end_behind_an_impact_lies_above_the_floor_at_a_late_clock_in_single_precision():
-    """What fell by less than 256 units of the clock's last place before the end was left below: by 5 cm at 1000 s."""
+    """What fell by less than 256 units of the clock's last place before the end was left below: by 5 cm at 1000 s.
+    What is not told from the end falls for the shortest step, 1.9e-3 s, at 4.4 m/s: 8 mm."""
     number = lambda value: jnp.asarray(value, jnp.float32)
 
     def final(after):

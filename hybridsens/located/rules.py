@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import JaxprEqn
+from jax.extend.core import Jaxpr, JaxprEqn
 
 from ..interval.breaks import INTERPOLATIONS, JUMPING_CALLS, SMOOTH_CALLS
 from ..interval.enclosure import CALLS, inner_jaxpr
-from ..interval.repeats import Distinct
+from ..interval.repeats import Distinct, needed_for
 
 
 class Rule(NamedTuple):
@@ -56,10 +56,16 @@ CALLS_BY_FLOORS = {
 }
 """Functions of JAX that are, by the names of their calls."""
 
-LARGEST = {"reduce_max": jnp.greater_equal, "argmax": jnp.greater_equal}
-LEAST = {"reduce_min": jnp.less_equal, "argmin": jnp.less_equal}
+BEFORE = {
+    "reduce_max": jnp.greater_equal,
+    "argmax": jnp.greater_equal,
+    "reduce_min": jnp.less_equal,
+    "argmin": jnp.less_equal,
+}
+"""Which of two numbers is the one that is looked for among many."""
+
 MOST = 16
-"""Of how many numbers the largest is found by comparisons of two."""
+"""Of how many numbers it is found by comparisons of two."""
 
 OPAQUE = SMOOTH_CALLS | (JUMPING_CALLS.keys() - CALLS_BY_FLOORS.keys()) | set(INTERPOLATIONS)
 """Functions of JAX that are smooth although they compare inside, or whose place is not where one number is another."""
@@ -78,7 +84,21 @@ def steps(equation: JaxprEqn) -> bool:
 class Flat(Distinct):
     """The equations of a trace, and of those calls that compare inside, each once, with floors for what steps."""
 
+    def __init__(self):
+        super().__init__()
+        self._shifts: set[Any] = set()
+        """Results of largest numbers by which only an exponent is shifted."""
+
+    def _run(self, jaxpr: Jaxpr, given: list[Any]) -> list[Any]:
+        # In softmax and logsumexp: what is shifted by a number without a derivative is smooth as a whole.
+        _, needed = needed_for([e for e in jaxpr.eqns if e.primitive.name != "stop_gradient"], jaxpr.outvars)
+        largest = (e.outvars[0] for e in jaxpr.eqns if e.primitive.name == "reduce_max")
+        self._shifts.update(result for result in largest if result not in needed)
+        return super()._run(jaxpr, given)
+
     def goes_inside(self, equation: JaxprEqn) -> bool:
+        if self._shifts.intersection(equation.outvars):
+            return False
         return _made_of(equation) is not None or (_is_call(equation) and _compares_inside(equation))
 
     def _call(self, equation: JaxprEqn, operands: list[Any]) -> list[Any]:
@@ -97,7 +117,7 @@ def _made_of(equation: JaxprEqn) -> Callable | None:
         return CALLS_BY_FLOORS[name] if name in CALLS_BY_FLOORS and _divides(equation) else None
     if name in BY_FLOORS and _is_real(equation):
         return BY_FLOORS[name]
-    which = (LARGEST | LEAST).get(name)
+    which = BEFORE.get(name)
     if which is None or not _is_real(equation):
         return None
     given: Any = equation.invars[0].aval

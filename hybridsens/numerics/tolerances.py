@@ -17,7 +17,8 @@ MOST_RELAXED = 5
 """1e-12 of what the clock shows. More would be a second at 1e8 s: events came before their guards fell."""
 
 AT_END = 1
-"""An event by less than `time_resolution(t, 1)` before the end of a solve is not told from that end."""
+"""An event by less than `time_resolution(t, 1)` before the end of a solve is not told from that end: so long is the
+shortest step."""
 
 
 def time_resolution(t, relaxation):

@@ -52,7 +52,7 @@ def _uncontrolled(cost):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("forward", [False, pytest.param(True, marks=pytest.mark.slow)], ids=[REPLAY, FORWARD])
+@pytest.mark.parametrize("forward", [False, True], ids=[REPLAY, FORWARD])
 def test_second_derivatives_at_rest(forward):
     """q(T)^2 / 2 at rest: its gradient is 0, its Hessian is the outer product of the derivatives of q(T)."""
     base = point_of(springs_at(20, **STOP))

@@ -124,7 +124,8 @@ def named():
 
 
 def test_events_have_their_names_in_tables_and_files(named, tmp_path):
-    """Behind a file and jax.vmap too. Before: numbers."""
+    """In one that is loaded, and in pictures, too; a row beyond the last event has none."""
+    assert named.events.name(int(named.events.guard[-1])) == ""
     rows = [line.split() for line in str(named).splitlines() if line.split()[0].isdecimal()]
     assert [row[2] for row in rows] == named.events.to_pandas()["name"].tolist() == ["left", "right", "left"]
     assert named.to_xarray()["event_name"].values.tolist() == ["left", "right", "left"]

@@ -41,6 +41,7 @@ FUNCTIONS = {
     "of constants": (lambda t, x: jnp.where(jnp.array(2.0) > 1, x[0], 0.0), 0),
     "not needed": (lambda t, x: (jnp.where(x[0] > 0, 1.0, 2.0), x[0])[1], 0),
     "smooth inside": (lambda t, x: jnp.hypot(x[0], x[1]) + jnp.logaddexp(x[0], x[1]), 0),
+    "smooth by a shift": (lambda t, x: jax.nn.softmax(jnp.append(x, t))[0], 1),  # the shift is bounded at infinity
     "table": (lambda t, x: jnp.interp(x[0], jnp.arange(3.0), jnp.arange(3.0) ** 2), 0),
     "looped": (lambda t, x: jax.lax.fori_loop(0, 2, lambda k, y: jnp.maximum(y, x[0]), 0.0), 0),
     "of many": (lambda t, x: jnp.max(x[0] + jnp.arange(17.0)), 0),
