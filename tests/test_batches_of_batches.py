@@ -72,6 +72,7 @@ def test_parameters_by_weights(alone, weights_inside):
     assert_close(batch, jnp.einsum("wi,lip->lwp", WEIGHTS, alone), 1e-12)
 
 
+@pytest.mark.slow
 def test_three_axes(alone):
     """Jacobians of a batch of batches."""
     batch = jax.vmap(jax.vmap(jax.jacrev(end)))(LANES.reshape(2, 2, 3))

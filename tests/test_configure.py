@@ -32,6 +32,7 @@ print(min(a_call_takes() for _ in range(6)))  # the first ones fetch what is kep
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the C library of Linux alone is told so")
 def test_a_long_record_is_not_fetched_anew_at_every_call():
     """Its 45 MB are 12,000 pages that the system takes back after each call, where it is not told otherwise."""

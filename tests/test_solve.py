@@ -73,6 +73,7 @@ def test_a_neuron_has_its_closed_form(adjoint):
     assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
 
 
+@pytest.mark.slow
 def test_a_ball_is_that_of_the_scene():
     """Events, samples, final state and gradient to rounding."""
     ts = jnp.linspace(0.0, 2.0, 9)

@@ -40,7 +40,9 @@ LANES = jnp.array([[1.0, 9.81, 0.8], [0.4, 9.81, 0.9], [6.0, 9.81, 0.8], [1.2, 8
     [
         jax.jit(jax.vmap(jax.grad(height))),
         jax.vmap(jax.jit(jax.grad(height))),
-        jax.jit(jax.grad(lambda lanes: jnp.sum(jax.jit(jax.vmap(height))(lanes)))),
+        pytest.param(
+            jax.jit(jax.grad(lambda lanes: jnp.sum(jax.jit(jax.vmap(height))(lanes)))), marks=pytest.mark.slow
+        ),
         pytest.param(
             jax.jit(jax.vmap(jax.jacfwd(lambda p: height(p, hs.ForwardSensitivities())))), marks=pytest.mark.slow
         ),

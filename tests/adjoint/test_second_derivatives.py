@@ -66,9 +66,8 @@ def test_a_sample_time_given_twice_counts_twice(place):
     assert_close(gradient(p), jax.grad(exact)(p), 1e-7)
 
 
-@pytest.mark.parametrize(
-    "hessian", [over_reverse, pytest.param(over_forward, marks=pytest.mark.slow)], ids=["over reverse", "over forward"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("hessian", [over_reverse, over_forward], ids=["over reverse", "over forward"])
 @pytest.mark.parametrize("place", PLACES)
 def test_hessian_by_parameters_and_all_times(place, hessian):
     p = numbers(1.2, PLACES[place])

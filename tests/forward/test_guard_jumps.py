@@ -47,8 +47,9 @@ def test_one_that_jumps_is_told():
     assert_close(motion.final, jnp.array([4.6]), 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:`guards` must be smooth")
-@pytest.mark.parametrize("written", [pytest.param(("falls", "jumps"), marks=pytest.mark.slow), ("jumps", "falls")])
+@pytest.mark.parametrize("written", [("falls", "jumps"), ("jumps", "falls")])
 def test_it_moves_with_an_event_at_that_place(written):
     """d x(2) / d place = 1 - 3, by both modes, whichever guard is written first."""
     assert moved(Faster, PLACE, *written).status == hs.Status.successful

@@ -65,6 +65,7 @@ def batched_slopes(tau, at_once):
     return jax.tree.map(lambda leaf: leaf[: len(tau)], _SLOPES(filled(tau), HEIGHTS, filled(at_once)))
 
 
+@pytest.mark.slow
 def test_switching_times_of_bang_bang_control():
     """Value and gradient against the closed form, whichever force holds at the very instant."""
     (value, (by_tau, by_heights)) = batched_slopes(jnp.stack([TAU, TAU]), jnp.array([1.0, 0.0]))

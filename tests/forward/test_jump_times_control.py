@@ -113,6 +113,7 @@ def errors(tolerance):
     return abs(float(value - true_value)), worst(motion.events.time - times), *relative
 
 
+@pytest.mark.slow
 def test_the_gradient_by_knots_is_right_and_follows_the_tolerance():
     """Steps that ran over a knot would cost all but four digits."""
     usual, tight = errors(1e-8), errors(1e-11)

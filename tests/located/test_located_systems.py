@@ -10,6 +10,7 @@ import hybridsens
 from tests.problems.springs import TOLERANCES, Spring, SpringInModes, moved
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error::hybridsens.DiscontinuityWarning")
 def test_a_force_that_jumps_has_the_motion_and_the_gradient_of_a_mode():
     spring, by_mode = (kind(4.0, -1.0, 0.3) for kind in (Spring, SpringInModes))

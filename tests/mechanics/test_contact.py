@@ -43,6 +43,7 @@ def test_a_wall_is_struck_while_the_floor_is_held():
     assert_close(motion.by_state.v[0, 0], -1.6, 1e-12)
 
 
+@pytest.mark.slow
 def test_an_impact_presses_on_a_held_contact():
     """A wall that leans over: the floor's impulse answers the wall's, and the body slides straight back."""
     motion = linear.solve(linear.scene([FLOOR, DOWN], [0.0, 0.8]), [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 2.0)

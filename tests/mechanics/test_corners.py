@@ -134,7 +134,9 @@ WAYS = {
 """Weight, height and velocity."""
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "way", [pytest.param(way, marks=[pytest.mark.slow] * (way in ("still", "falling"))) for way in WAYS]
+)
 def test_a_gap_that_jumps_through_a_body_ends_the_motion(way):
     """Whatever the body does at that time: the status names the cause, and no steps are wasted."""
     weight, q, v = WAYS[way]

@@ -57,10 +57,11 @@ def test_an_impact_that_turns_a_comparison_is_followed_by_it_at_once():
 
 METHODS = [
     pytest.param(hybridsens.Replay(), id="reverse"),
-    pytest.param(hybridsens.ForwardSensitivities(), id="forward", marks=pytest.mark.slow),
+    pytest.param(hybridsens.ForwardSensitivities(), id="forward"),
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_gradients_through_friction_bumper_and_wall_are_those_of_differences(method):
     differentiate = jax.jacrev if isinstance(method, hybridsens.Replay) else jax.jacfwd

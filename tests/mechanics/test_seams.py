@@ -61,6 +61,7 @@ def closed_form(p):
     return jnp.stack([-1 + speed * t1 + 0.15 * weight * t1**2, radius - weight * (t1 - left) ** 2 / 2, left])
 
 
+@pytest.mark.slow
 def test_a_release_where_a_load_jumps_is_told():
     """Values are those of the closed form; of its derivative nothing is said but that."""
     with pytest.raises(hs.SimulationError, match="guard jumps below zero"):

@@ -96,6 +96,7 @@ def assert_true(scene_class, rates, contacts, vector, mode, methods=("reverse",)
 CART = [2.0, 0.3, 0.7, 1.0, 0.8, 0.1, 1.0, 2.6]
 
 
+@pytest.mark.slow
 def test_a_motor_between_bumpers_has_the_closed_form():
     """Times, end, cost and all derivatives, by thresholds, push, restitution, bumper, start and horizon."""
     assert_true(Cart, cart_rates, 2, CART, True, ("reverse", "forward"))

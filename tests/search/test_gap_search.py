@@ -142,6 +142,7 @@ class AfterAShot(hs.AbstractScene):
         return jnp.array([1e-3, 1.0])
 
 
+@pytest.mark.slow
 def test_a_pin_is_met_after_a_phase_a_thousand_times_faster():
     """It is higher than the way by 1e-5: nothing beside the doubt of a motion at 1000, much beside that at 1."""
     motion = hs.simulate(AfterAShot(jnp.array(1 + 1e-5)), hs.State([0.0], [-1000.0]), t1=4.0)

@@ -71,6 +71,7 @@ def test_the_event_summary_is_the_closed_form(dataset):
     assert np.isnan(dataset.event_time[:, :, 1:]).all()
 
 
+@pytest.mark.slow
 def test_a_cascade_that_dies_away_is_no_graze():
     """Assert that a ball that comes to rest is as far from grazing as its first impact is fast."""
 

@@ -71,6 +71,7 @@ def test_a_comparison_of_a_system():
     assert errors["autodiff, `where` transition"][0] < 1e-2 and errors["autodiff, `where` transition"][1] > 0.1
 
 
+@pytest.mark.slow
 def test_work_and_precision_of_a_system():
     """Errors fall with the tolerance."""
     study = hs.work_precision(
