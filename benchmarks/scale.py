@@ -2,6 +2,7 @@
 
     python -m benchmarks.scale                    # the chain of masses, link pendulums, balls in a box, many gaps
     python -m benchmarks.scale --chain 8 64       # the chain alone, of so many masses
+    python -m benchmarks.scale --small-loop-bytes 2147483647    # under the setting for hundreds of contacts
 
 Ours and numba's are timed in turn on one core, the least of several times each; a first call is that of value and
 gradient, tracing and compilation included.
@@ -129,8 +130,10 @@ def main() -> None:
     """Show and write all rows, or those of the chain that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--chain", type=int, nargs="*", help="masses of the chains, in place of everything")
-    asked = parser.parse_args().chain
-    hs.configure()
+    parser.add_argument("--small-loop-bytes", type=int, default=16_777_216, help="see hybridsens.configure")
+    given = parser.parse_args()
+    asked = given.chain
+    hs.configure(small_loop_bytes=given.small_loop_bytes)
     print(describe())
     with one_core():
         rows = [show(chain(count)) for count in (CHAIN if asked is None else asked)]
