@@ -137,11 +137,8 @@ def test_room_for_events_is_used_up():
     assert bool(jnp.all(jnp.isfinite(trajectory.events.time)))
 
 
-METHODS = [hs.Replay(), hs.ForwardSensitivities()]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("adjoint", METHODS, ids=["reverse", "forward"])
+@pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
 def test_a_sample_that_a_motion_broke_off_before_has_no_derivative(adjoint):
     """Its value is nan, so that nobody takes it for one; a derivative of what is there does not depend on it."""
 

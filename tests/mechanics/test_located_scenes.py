@@ -55,14 +55,8 @@ def test_an_impact_that_turns_a_comparison_is_followed_by_it_at_once():
     assert float(events.time[1]) == float(events.time[2])
 
 
-METHODS = [
-    pytest.param(hybridsens.Replay(), id="reverse"),
-    pytest.param(hybridsens.ForwardSensitivities(), id="forward"),
-]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [hybridsens.Replay(), hybridsens.ForwardSensitivities()], ids=["reverse", "forward"])
 def test_gradients_through_friction_bumper_and_wall_are_those_of_differences(method):
     differentiate = jax.jacrev if isinstance(method, hybridsens.Replay) else jax.jacfwd
     found = jax.jit(differentiate(lambda values: bumped(values, adjoint=method)[1]))(AT)
