@@ -55,6 +55,7 @@ def test_a_batch_of_jacobians(alone):
     assert_close(jax.jit(jax.vmap(jax.jacrev(end)))(LANES), alone, 1e-12)
 
 
+@pytest.mark.slow
 def test_a_jacobian_of_a_batch(alone):
     """Entries of the result are the outer axis here: of another lane's parameters a lane does not depend."""
     whole = jax.jit(jax.jacrev(jax.vmap(end)))(LANES)

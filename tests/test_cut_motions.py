@@ -90,6 +90,7 @@ class Spiking(Neuron):
         return 5.0 - x
 
 
+@pytest.mark.slow
 def test_no_cut_loses_a_spike():
     """A spike fired neither before a cut nor at it where the cut lay just so far behind it that two rules, for what is
     near the end, disagreed by rounding."""
@@ -105,6 +106,7 @@ def test_no_cut_loses_a_spike():
     assert set(jax.jit(jax.vmap(modes))(jnp.asarray(every.ravel())).tolist()) == {int(whole.mode)}
 
 
+@pytest.mark.slow
 def test_an_end_behind_an_impact_lies_above_the_floor_at_a_late_clock_in_single_precision():
     """What fell by less than 256 units of the clock's last place before the end was left below: by 5 cm at 1000 s.
     What is not told from the end falls for the shortest step, 1.9e-3 s, at 4.4 m/s: 8 mm."""

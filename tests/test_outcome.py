@@ -110,6 +110,7 @@ def test_export():
         jax.export.export(jax.jit(final))(W)
 
 
+@pytest.mark.slow
 def test_shard_map_is_told_what_it_needs():
     """By default it follows what varies over the mesh, which loops inside do not; without that it serves gradients."""
     mesh = jax.make_mesh((1,), ("lane",), axis_types=(AxisType.Auto,))

@@ -28,6 +28,7 @@ def jacobian(function, adjoint):
     return lambda p: (function(p, adjoint), way(lambda p: function(p, adjoint))(p))
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_thermostat_has_its_closed_form(adjoint):
     """Three switches, the last temperature, and a running cost that jumps with the mode, by all parameters and x0."""
@@ -55,6 +56,7 @@ def test_a_thermostat_has_its_closed_form(adjoint):
     assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
 
 
+@pytest.mark.slow
 @ONE
 def test_a_neuron_has_its_closed_form(adjoint):
     """Spike k comes tau log(i_k / (i_k - 1)) after the one before, with i_k = i + k w."""
@@ -214,7 +216,8 @@ STEEP = {
 }
 
 
-@pytest.mark.parametrize("name", ["sinh", *(pytest.param(name, marks=pytest.mark.slow) for name in ("exp", "power"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sinh", "exp", "power"])
 def test_a_guard_that_was_large_falls_at_its_zero(name):
     """Rounding is relative to what a guard is near its zero, not to what it was far from it: a x1 = log(1.3 / 0.3)."""
     run = lambda a: hs.solve(SteepGuard(a, STEEP[name]), 0.0, t1=3.3, max_events=8)

@@ -177,7 +177,7 @@ def test_throw_raises_with_the_remedy():
         jax.block_until_ready(status(compiled(max_events=2, throw=True), t1=5.0))
 
 
-@pytest.mark.parametrize("way", ["value", "gradient"])
+@pytest.mark.parametrize("way", ["value", pytest.param("gradient", marks=pytest.mark.slow)])
 def test_a_bad_lane_leaves_the_others_right(way):
     """In a batch each lane has its own status, and good lanes have the values and gradients they have alone."""
     run = compiled()

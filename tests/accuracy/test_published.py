@@ -30,6 +30,7 @@ def impact_times(q0, g, e, count):
     return first * (1 + 2 * np.cumsum(np.concatenate([[0.0], e ** np.arange(1, count)])))
 
 
+@pytest.mark.slow
 def test_ball_after_one_bounce():
     """Schaefer's blog: the state after one bounce, and the velocity just before it."""
     seen, jacobian, _ = ball(5.0, -0.1, 10.0, 0.8, 1.9)

@@ -46,7 +46,8 @@ def test_the_gradient_is_that_of_the_recorded_steps(gradients):
     assert_close(again, kept, 1e-14)
 
 
-@pytest.mark.parametrize(("shift", "room"), [(1e-10, 101), pytest.param(1e-5, 102, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("shift", "room"), [(1e-10, 101), (1e-5, 102)])
 def test_a_segment_may_end_elsewhere_by_rounding_alone(gradients, monkeypatch, shift, room):
     """Where a gap closes slowly another program finds another time, and perhaps one step more; a segment that ended at
     another event gives no gradient."""

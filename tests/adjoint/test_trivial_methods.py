@@ -69,6 +69,7 @@ def test_second_derivatives_at_rest(forward):
     np.testing.assert_allclose(hessian, truth, rtol=0, atol=1e-6 * float(jnp.max(jnp.abs(truth))))
 
 
+@pytest.mark.slow
 def test_control_leaves_a_lively_motion_as_it_is():
     """Its steps resolve the derivative already: the value is the same to the last bit, the gradient to 1e-9."""
     scene = ElasticStop()

@@ -28,7 +28,8 @@ def test_numbers_of_the_state_may_be_integers(state):
     assert float(found.exponent) == pytest.approx(1, rel=1e-6)
 
 
-@pytest.mark.parametrize(("max_events", "reached"), [pytest.param(4, True, marks=pytest.mark.slow), (1, False)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("max_events", "reached"), [(4, True), (1, False)])
 def test_a_motion_that_broke_off_has_no_exponent(max_events, reached):
     """Assert that the growth of a part of the horizon is not spread over all of it: a ball that breaks off at its
     second impact keeps its growth, and has the exponent nan."""

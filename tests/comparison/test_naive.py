@@ -75,6 +75,7 @@ def test_a_penalty_contact_rebounds_with_the_restitution_of_the_scene(e):
     assert end == pytest.approx(e, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_penalty_contact_is_damped_as_it_must_be_where_it_strikes():
     """A pendulum far from its wall begins where the wall has a third of its mobility: J within 2 % all the same."""
     pendulum = PendulumWall()

@@ -76,6 +76,7 @@ def test_event_times_of_an_event_that_is_not_there_are_refused(model):
         build_problem(model, measurements(event_times=[0.5], event_sigma=0.1, event_contacts=1), Unknowns())
 
 
+@pytest.mark.slow
 def test_event_times_that_are_left_of_a_record_have_their_sigmas():
     """Assert that a part of a record with event times alone gives the slope the error sigma slope^2 / (top |n|), n =
     2, 3, 4 being their numbers, and that NumPy has no complaint."""

@@ -89,6 +89,7 @@ def test_other_ways_to_differentiate_agree(method):
     np.testing.assert_allclose(found, truth, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_times_in_any_order_and_outside_of_the_horizon():
     """Those before the start or behind the end move nothing; one at the end has no effect yet. Two that coincide count
     as one: their derivatives are right together."""

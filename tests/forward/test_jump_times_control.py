@@ -123,6 +123,7 @@ def test_the_gradient_by_knots_is_right_and_follows_the_tolerance():
     assert errors(1e-5)[2] > usual[2] > tight[2]
 
 
+@pytest.mark.slow
 def test_events_are_told_and_knots_are_not():
     """Ten knots take no room among the events."""
     (_, motion), _ = solved()(KNOTS, TORQUES, jnp.asarray(1e-8))

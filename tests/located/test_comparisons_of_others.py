@@ -55,6 +55,7 @@ class Counted(hybridsens.AbstractHybridSystem):
         return {"level": x["level"] + 1, "count": x["count"] + 1}, mode
 
 
+@pytest.mark.slow
 def test_a_count_that_comes_to_the_number_it_is_compared_with_counts():
     """It stands still there, so no guard falls. After the second raise the level is 1, then 2 rate (2.3 - 2 / rate) is
     lost, and it is raised once more."""
@@ -62,6 +63,7 @@ def test_a_count_that_comes_to_the_number_it_is_compared_with_counts():
     np.testing.assert_allclose(final(jnp.array(1.1)), 6 - 4.6 * 1.1, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_comparison_made_of_another_turns_with_it():
     """The overlap stays 0 below the place, so that nothing tells there that it is not above 0: its outcome changes with
     that of the choice that it is made of."""

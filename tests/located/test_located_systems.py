@@ -64,6 +64,7 @@ def concentration(system, **options):
     return hybridsens.solve(system, 0.6, 0, t1=12.0, running_cost=cost, **(TOLERANCES | options))
 
 
+@pytest.mark.slow
 def test_own_guards_and_scheduled_times_keep_their_numbers(dosed):
     """Comparisons come behind: 0 is the guard, 1 and 2 the doses, 3 and more what is compared."""
     solution = concentration(dosed)

@@ -54,6 +54,7 @@ def test_an_impact_presses_on_a_held_contact():
     assert_close(motion.by_scene.e[0, 1], -1.0, 1e-10)
 
 
+@pytest.mark.slow
 def test_an_impact_lifts_a_body_off_a_held_contact():
     """A wall that leans back throws the body up: the held floor opens at the impact, without an impulse of its own."""
     motion = linear.solve(linear.scene([FLOOR, UP], [0.0, 0.8]), [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 1.1)

@@ -169,7 +169,8 @@ class Hills(Slider):
         return (q[1] - 0.1 * jnp.sin(2 * q[0] + 0.3 * t))[None]
 
 
-@pytest.mark.parametrize("tolerance, steps", [(1e-8, 140), pytest.param(1e-12, 700, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance, steps", [(1e-8, 140), (1e-12, 700)])
 def test_on_smooth_ground_the_projection_costs_no_steps(tolerance, steps):
     """What it moves is below the solver's own error."""
     motion = run(Hills(jnp.array([9.81, 0.0])), [0.3, 0.5], [1.0, 0.0], 6.0, rtol=tolerance, atol=tolerance)

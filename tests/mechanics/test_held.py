@@ -116,6 +116,7 @@ class Magnet(hs.AbstractScene):
         return jnp.array([0.5])
 
 
+@pytest.mark.slow
 def test_a_load_that_depends_on_place_is_seen():
     """Released where lift exp(-(x - 10)^2) = 1; in a step that ends behind the magnet its load is as before it."""
 
@@ -167,9 +168,8 @@ class OverACrest(OfEnergies):
         return q[1]
 
 
-@pytest.mark.parametrize(
-    "magnet", [OfEnergies, *(pytest.param(each, marks=pytest.mark.slow) for each in (BesideEnergies, OverACrest))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("magnet", [OfEnergies, BesideEnergies, OverACrest])
 def test_a_load_is_seen_that_follows_from_energies_or_is_added_to_them(magnet):
     """Forces of inertia are left out of the search only where no gap is affine in a coordinate."""
     motion = hs.simulate(magnet(jnp.array(LIFT)), hs.State([0.0, 0.0], [1.0, 0.0]), t1=12.0, max_events=8)

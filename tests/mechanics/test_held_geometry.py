@@ -27,7 +27,8 @@ class Hilly(hs.AbstractScene):
         return jnp.array([0.5])
 
 
-@pytest.mark.parametrize("width", [pytest.param(1.0, marks=pytest.mark.slow), 0.1])
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1.0, 0.1])
 def test_a_hill_that_a_held_contact_comes_to_is_seen(width):
     """It has not the energy to cross it. Where it slid on the flat no error limits the steps."""
     slide = lambda **given: hs.simulate(Hilly(jnp.array(width)), hs.State([0.0, 0.0], [3.0, 0.0]), t1=10.0, **given)

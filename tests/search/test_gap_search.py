@@ -168,6 +168,7 @@ def test_a_pulse_in_time_is_met(length):
     assert_close(motion.events.time[0], time, 1e-12)
 
 
+@pytest.mark.slow
 def test_a_table_is_sampled_inside_the_step():
     """A search in a table has no bounds, which is said; a roof as wide as a sixteenth of the step is found all the
     same."""

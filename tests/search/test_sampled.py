@@ -107,7 +107,7 @@ def test_a_search_that_is_given_up_leads_to_shorter_steps(monkeypatch):
     assert_close(motion.events.time[0], AT - WIDTH, 1e-9)
 
 
-QUICK = ("atan2", "cbrt", "table")
+QUICK = ("table",)
 """The bounds of each of these functions have tests of their own."""
 
 

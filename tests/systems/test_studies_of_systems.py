@@ -81,7 +81,8 @@ def test_work_and_precision_of_a_system():
     assert fine < 1e-7 < rough < 1e-2
 
 
-@pytest.mark.parametrize("seen", ["states", pytest.param("events", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seen", ["states", "events"])
 def test_a_fit_of_a_system(seen):
     """Two thresholds and the loss of heat, from temperatures or from the times of the switches alone."""
     truth = dict(a=0.3, outside=10.0, heat=9.0, low=18.0, high=22.0)
