@@ -180,7 +180,7 @@ class FlattenedSystem(AbstractFlatSystem):
         flow = self.flow(t, x, mode)
         before, same = mode.watch.compare(self._values, (mode.given, given), t, x, flow)
         shown = self._show(t, after, dataclasses.replace(mode, given=given))
-        watch = mode.watch.after(event, before, same, shown.guards)
+        watch = mode.watch.after(event, t, before, same, shown.guards)
         came, times = self.guard_count + jnp.arange(shown.times.shape[0]) == event, self._times(x, mode.given)
         moved = shown.times != times  # to a time that has passed: then the event comes at once
         expected = (mode.expected & ~came) | (shown.times > t) | moved

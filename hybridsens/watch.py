@@ -4,6 +4,7 @@ A guard that the motion passes through, or that is below zero at the start, is w
 rises; its rise is an event too, a silent one. A guard that a transition puts below zero fires at once.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .numerics.tolerances import closeness, jump_window, time_resolution
+from .numerics.tolerances import closeness, jump_window, rounding, time_resolution
 
 Guards = Callable[[Array, Array, Any], Array]
 """(t, x, mode) -> guards of the system as the user wrote them."""
@@ -87,20 +88,26 @@ class Watch(eqx.Module):
 
     def begin(self, t, seen: Seen, starts: Bool[Array, ""]) -> "Watch":
         """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""
-        above = seen.value >= -time_resolution(t, 1) * jnp.abs(seen.rate)
+        # One that starts on zero does not show its size there; what it is a difference of does.
+        rounded = rounding(seen.value.dtype)
+        on_zero = starts & (jnp.abs(seen.value) <= rounded * seen.scale)
+        known = dataclasses.replace(self, size=jnp.where(on_zero, jnp.maximum(self.size, seen.scale), self.size))
+        above = seen.value >= -rounded * known.size - time_resolution(t, 1) * jnp.abs(seen.rate)
         armed = jnp.where(starts, above, self.armed)
         # One that was falling by itself may have passed zero while the clock passed the jump time.
         speed = jnp.maximum(self.speed, jnp.abs(seen.rate))
         by_itself = (seen.rate < 0) & (seen.value >= -jump_window(t) * speed)
-        return self._widened(armed, ~starts & armed & (seen.value < 0) & ~by_itself, seen)
+        return known._widened(armed, ~starts & armed & (seen.value < 0) & ~by_itself, seen)
 
-    def after(self, event: Int[Array, ""], before: Seen, same: Bool[Array, "guard"], seen: Seen) -> "Watch":
-        """After an event (of a guard, or of any other number), given the guards just before it, which of them mean the
-        same after it (`compare`), and what is seen of them then."""
+    def after(self, event: Int[Array, ""], t, before: Seen, same: Bool[Array, "guard"], seen: Seen) -> "Watch":
+        """After an event (of a guard, or of any other number) at t, given the guards just before it, which of them mean
+        the same after it (`compare`), and what is seen of them then."""
         near = closeness(before.value.dtype)
         share = self._share(before.scale)
         this, guards = jnp.arange(self.armed.size) == event, seen.value
-        still = jnp.abs(guards - before.value) <= near * share * self.size
+        # An event is placed to what time can resolve: by so much its guard may be off, and be put back.
+        off = time_resolution(t, 1) * jnp.abs(before.rate)
+        still = jnp.abs(guards - before.value) <= near * share * self.size + off
         falls_on = (seen.rate < -near * share * self.speed) | (self.pending & (guards < 0))
         passing = this & self.armed & same & still & falls_on
         # One that was passed at this very instant is on zero still: another event does not make it fall again.

@@ -142,7 +142,7 @@ class SwitchedSystem(AbstractFlatSystem):
         def switched():
             flow = self.flow(t, x, mode)
             before, same = mode.watch.compare(self._switches, (mode.own, own), t, x, flow)
-            return mode.watch.after(number, before, same, seen)
+            return mode.watch.after(number, t, before, same, seen)
 
         watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, seen, event == START))
         return dataclasses.replace(

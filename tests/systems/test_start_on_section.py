@@ -1,0 +1,74 @@
+"""A motion may start on its own section: a guard that is zero there to rounding, and falling, fires at the start."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hybridsens as hs
+from tests.closeness import assert_close
+
+TURN = 2 * np.pi
+
+
+class Phase(hs.AbstractHybridSystem):
+    """x' = speed; where sin(x + shift) falls through 0, x goes back by a turn, and so is on the section still."""
+
+    speed: jax.Array
+    shift: jax.Array
+
+    def flow(self, t, x, mode):
+        return self.speed
+
+    def guards(self, t, x, mode):
+        return jnp.sin(x + self.shift)[None]
+
+    def transition(self, event, t, x, mode):
+        return x - TURN, mode
+
+
+class Rotation(hs.AbstractHybridSystem):
+    """x'' = -w^2 x, seen from a frame that is turned round wherever x falls through 0; rounding is all that is left of
+    the turn."""
+
+    w: jax.Array
+
+    def flow(self, t, x, mode):
+        return jnp.stack([self.w * x[1], -self.w * x[0]])
+
+    def guards(self, t, x, mode):
+        return x[:1]
+
+    def transition(self, event, t, x, mode):
+        c, s = jnp.cos(TURN), jnp.sin(TURN)
+        return jnp.stack([c * x[0] - s * x[1], s * x[0] + c * x[1]]), mode
+
+
+@jax.jit
+def times_of_phase(speed, shift, x0, t0=0.0):
+    """Times of the events of a `Phase` since t0, their number, and the status."""
+    solution = hs.solve(Phase(speed, shift), x0, t0=t0, t1=t0 + 20.0 / speed, max_events=8, throw=False)
+    return solution.events.time - t0, solution.events.count, solution.status
+
+
+@pytest.mark.parametrize(("speed", "t0"), [(1.0, 0.0), (1e-6, 0.0), (1e9, 0.0), (1.0, 1e6), (1e-6, 1e6)])
+@pytest.mark.parametrize(("shift", "x0"), [(0.0, np.pi), (0.0, -np.pi), (np.pi / 2, np.pi / 2), (0.5, np.pi - 0.5)])
+def test_the_first_event_comes_at_the_start_and_the_next_one_a_turn_later(shift, x0, speed, t0):
+    """Whatever the sign of the rounding that the guard starts with, and that a turn leaves."""
+    times, count, status = times_of_phase(speed, shift, x0, t0)
+    assert status == hs.Status.successful and count == 4
+    assert_close(times[:4] * speed, np.arange(4) * TURN, 1e-7 if t0 else 1e-12)
+
+
+def test_the_time_of_a_later_event_has_its_derivatives():
+    """t = (pi - shift - x0 + 2 pi n) / speed."""
+    third = lambda speed, shift, x0: times_of_phase(speed, shift, x0)[0][2]
+    gradient = jax.grad(third, argnums=(0, 1, 2))(2.0, 0.0, np.pi)
+    assert_close(gradient, (-2 * TURN / 4, -0.5, -0.5), 1e-9)
+
+
+def test_a_section_of_an_oscillator_is_passed_once_a_turn():
+    """Where the coordinate that the guard shows is exactly 0 at the start, the clock tells what rounding is."""
+    solution = hs.solve(Rotation(jnp.array(3.0)), jnp.array([0.0, -1.0]), t0=1.0, t1=11.0, max_events=8)
+    assert solution.events.count == 5
+    assert_close(solution.events.time[:5], 1 + np.arange(5) * TURN / 3, 1e-8)
