@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..adjoint.methods import AbstractGradientMethod
+from ..located.system import located
 from ..mechanics.mode import EventKind
 from ..mechanics.scene import State
 from ..mechanics.switches import has_switches
@@ -98,12 +99,17 @@ def strikes(kind: Int[Array, "event"]):
 
 
 def event_count(scene, start: tuple) -> int:
-    """How many kinds of events there are whose times can be measured: contacts, or guards and scheduled times."""
+    """How many kinds of events there are whose times can be measured: contacts, or guards, scheduled times and located
+    comparisons."""
     if not isinstance(scene, AbstractHybridSystem):
         return eqx.filter_eval_shape(Asked.of(scene, "gap(t, q)"), jnp.zeros(()), start[0].q).shape[0]
     (x, dtype), mode = state_as_arrays(start[0]), mode_as_arrays(start[1])
-    counts, _ = check_system(scene, None, jnp.zeros((), dtype), x, mode)
-    return counts.guards + (counts.scheduled or 0)
+    t = jnp.zeros((), dtype)
+    counts, _ = check_system(scene, None, t, x, mode)
+    guards = counts.guards
+    if scene.located_discontinuities:
+        _, _, guards, _ = located(scene, None, guards, (t, x, mode))
+    return guards + (counts.scheduled or 0)
 
 
 def state_names(start: tuple) -> list[str]:

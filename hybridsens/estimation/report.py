@@ -1,12 +1,13 @@
 """A fit in words."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from ..export.names import contact_names
+from ..solution import SolutionEvents
 from ..system import AbstractHybridSystem
 from .descend import UNFINISHED, EventSequence
 
@@ -88,7 +89,7 @@ def _parameters(result: Any) -> Iterator[str]:
 
 
 def _events(result: Any) -> Iterator[str]:
-    start, end, names = result.sequence_start, result.sequence_end, _contacts(result)
+    start, end, names = result.sequence_start, result.sequence_end, _names(result)
     yield f"events at the guess: {_sequence(start, names)}"
     yield f"events at the end:   {'the same' if start == end else _sequence(end, names)}"
     if result.sequence_changes:
@@ -186,15 +187,17 @@ def _direction(direction: dict[str, float]) -> str:
     return ", ".join(f"{label} {share:+.2f}" for label, share in shares if abs(share) > 0.05)
 
 
-def _contacts(result: Any) -> list[str]:
-    """Names of the contacts; none of a system that has events of its own."""
+def _names(result: Any) -> Callable[[str, int], str]:
+    """(kind, number) -> what the report calls an event: by the name of its contact, or of the event of a system."""
     events = result.trajectory.events
-    return contact_names(result.scene, np.shape(events.impulse)[-1]) if hasattr(events, "impulse") else []
+    if isinstance(events, SolutionEvents):
+        return lambda kind, number: f"{kind} {number}" if events.names is None else events.names[number]
+    contacts = contact_names(result.scene, np.shape(events.impulse)[-1])
+    return lambda kind, number: f"{kind} {number if kind == 'switch' else contacts[number]}"
 
 
-def _sequence(sequence: EventSequence, names: list[str]) -> str:
+def _sequence(sequence: EventSequence, name: Callable[[str, int], str]) -> str:
     if not sequence:
         return "none"
-    is_contact = lambda kind: bool(names) and kind != "switch"
-    shown = ", ".join(f"{kind} {names[of] if is_contact(kind) else of}" for kind, of in sequence[:8])
+    shown = ", ".join(name(*event) for event in sequence[:8])
     return f"{len(sequence)} ({shown}{', ...' if len(sequence) > 8 else ''})"

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hybridsens import AbstractScene, State
+from hybridsens import AbstractHybridSystem, AbstractScene, State
 from hybridsens.estimation import fit, measurements
 from hybridsens.estimation.prepare import Unknowns, build_problem, observations
 from hybridsens.scenes import BouncingBall
@@ -89,3 +89,39 @@ def test_event_times_that_are_left_of_a_record_have_their_sigmas():
     expected = SIGMA * result.values[0] ** 2 / np.sqrt(np.sum(n**2))
     np.testing.assert_allclose(result.standard_errors["slope"], expected, rtol=1e-6)
     assert np.isinf(result.uncertainty.quantile_freedom)
+
+
+class _Turning(AbstractHybridSystem):
+    """x rises by `speed` until it comes to `place`, and by a tenth of it from there on."""
+
+    speed: jax.Array
+    place: jax.Array
+    located_discontinuities = True
+
+    def flow(self, t, x, mode):
+        return jnp.where(x < self.place, 1.0, 0.1) * self.speed
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+    def initial_state(self):
+        return 0.0
+
+
+@pytest.mark.parametrize("contacts", [-1, 0])
+def test_times_of_located_comparisons_are_fitted(contacts):
+    """Assert that x = place at place / speed gives the place, and that the report calls the event by its name."""
+    data = measurements(event_times=[0.6], event_sigma=1e-3, event_contacts=contacts)
+    result = fit(_Turning(2.0, 1.0), data, parameters="place", t1=1.0)
+    np.testing.assert_allclose(result.values, [1.2], rtol=1e-9)
+    np.testing.assert_allclose(result.standard_errors["place"], 2 * 1e-3, rtol=1e-6)
+    assert "events at the guess: 1 (comparison 0)" in str(result)
+
+
+def test_a_comparison_that_is_not_there_is_refused():
+    with pytest.raises(ValueError, match="`event_contacts` must be below 1, the number of events of"):
+        data = measurements(event_times=[0.6], event_sigma=1e-3, event_contacts=1)
+        build_problem(_Turning(2.0, 1.0), data, Unknowns())
