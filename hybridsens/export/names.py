@@ -1,6 +1,8 @@
 """Names of coordinates and their velocities, for tables and axes."""
 
 import re
+from collections import Counter
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 _WITH_UNIT = re.compile(r"(.+?)\s+\[(.*)\]")
@@ -17,11 +19,23 @@ def coordinate_names(scene: Any, dof: int) -> tuple[list[str], list[str]]:
     """Names of q and of v, with units where the scene tells them by `coordinates`.
 
     "angle [rad]" has the velocity "angle rate [rad/s]"; without names they are q[0], ... and v[0], ...
-    Raises: ValueError if the scene names another number of coordinates than it has."""
+    Raises: ValueError if the scene names another number of coordinates than it has, or two columns alike."""
     given = _given(scene, "coordinates", dof, "entry of q")
     if given is None:
         return [f"q[{i}]" for i in range(dof)], [f"v[{i}]" for i in range(dof)]
-    return given, [_rate(name) for name in given]
+    rates = [_rate(name) for name in given]
+    must_differ([*given, *rates], f"Coordinates of {type(scene).__name__} and their rates", "`coordinates`")
+    return given, rates
+
+
+def must_differ(names: Sequence[str], what: str, where: str) -> None:
+    """Raise ValueError where two columns would have one name: a table could keep one of them only."""
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise ValueError(
+            f"{what} must have different names, but {', '.join(map(repr, twice))} is that of more than one: rename it "
+            f"in {where}."
+        )
 
 
 def _rate(name: str) -> str:

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 from .datasets import attributes, must_be_one, must_have_samples, optional
+from .names import must_differ
 from .trees import named_leaves, variables
 
 
@@ -70,9 +71,10 @@ def _happened(events: Any):
 def _columns(root: str, tree: Any) -> dict[str, np.ndarray]:
     """Name of each entry -> its column: v, v[1], i[0, 2], or x[1] where the state has no names of its own; mode.on. The
     first axis of each leaf is that of the rows."""
-    columns = {}
+    columns = []
     for name, leaf in named_leaves(root, tree).items():
         label = name.removeprefix("x.")
         for index in np.ndindex(*leaf.shape[1:]):
-            columns[f"{label}[{', '.join(map(str, index))}]" if index else label] = leaf[:, *index]
-    return columns
+            columns.append((f"{label}[{', '.join(map(str, index))}]" if index else label, leaf[:, *index]))
+    must_differ([name for name, _ in columns], "Entries of a state or a mode", "the system")
+    return dict(columns)

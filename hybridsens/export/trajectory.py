@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .datasets import attributes, must_be_one, must_have_samples, optional
-from .names import contact_names, coordinate_names, unit_of_contact
+from .names import contact_names, coordinate_names, must_differ, unit_of_contact
 from .trees import named_leaves, variables
 
 KINDS = "impact capture release switch"
@@ -68,7 +68,9 @@ def samples_frame(motion: Any, scene: Any):
 
 
 def events_frame(events: Any, scene: Any):
-    """As `Events.to_pandas`: one row for each event that there was."""
+    """As `Events.to_pandas`: one row for each event that there was.
+
+    Raises: ValueError for a coordinate with the name of a column, such as kind."""
     must_be_one(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     n = int(events.count)
@@ -88,6 +90,7 @@ def events_frame(events: Any, scene: Any):
     q_names, v_names = coordinate_names(scene, events.before.q.shape[1])
     sides = ((q_names, events.before.q, ""), (v_names, events.before.v, " before"), (v_names, events.after.v, " after"))
     for labels, values, side in sides:  # the place is the same on both sides
+        must_differ([*columns, *(label + side for label in labels)], "Columns of a table of events", "`coordinates`")
         columns |= {label + side: np.asarray(values[:n, i]) for i, label in enumerate(labels)}
     columns["order matters"] = np.asarray(events.order_matters[:n])
     return pandas.DataFrame(columns, pandas.RangeIndex(n, name="event"))

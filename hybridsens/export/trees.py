@@ -6,13 +6,18 @@ from typing import Any
 import jax
 import numpy as np
 
+from .names import must_differ
 from .text import Numbers, array_text
 
 
 def named_leaves(name: str, tree: Any) -> dict[str, np.ndarray]:
-    """Name -> array, with the place in the tree behind the name: cost, cost.work, cost.forces.0."""
+    """Name -> array, with the place in the tree behind the name: cost, cost.work, cost.forces.0.
+
+    Raises: ValueError where two leaves would have one name, as {"a": {"b": ...}, "a.b": ...}."""
     leaves = jax.tree_util.tree_leaves_with_path({name: tree})
-    return {jax.tree_util.keystr(path, simple=True, separator="."): np.asarray(leaf) for path, leaf in leaves}
+    names = [jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves]
+    must_differ(names, "Leaves of a state, a mode or a cost", "the system")
+    return {name: np.asarray(leaf) for name, (_, leaf) in zip(names, leaves, strict=True)}
 
 
 def variables(name: str, tree: Any, *leading: str, like: str = "") -> dict[str, tuple[tuple[str, ...], np.ndarray]]:

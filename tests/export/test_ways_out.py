@@ -235,3 +235,10 @@ def test_a_notebook_shows_events_as_a_table(motion):
     assert page.count("<tr>") == 1 + int(motion.events.count)
     assert "status: successful" in page
     assert "&lt;b&gt;" in table(["<b>"], []) and "<b>" not in table(["head"], [["<b>"]])
+
+
+@pytest.mark.parametrize("names", [("x", "x"), ("x [m]", "x rate [m/s]"), ("kind", "y")])
+def test_coordinates_that_share_a_name_are_refused(names, motion):
+    """A table would keep one of them only."""
+    with pytest.raises(ValueError, match="must have different names, but .* is that of more than one: rename it"):
+        events_frame(motion.events, Names(names, None))

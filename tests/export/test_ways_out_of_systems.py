@@ -149,3 +149,22 @@ def test_events_must_have_a_name_each():
 
     with pytest.raises(ValueError, match="`event_names` of Misnamed must be a tuple of 2 names, one for each guard"):
         hs.solve(Misnamed(jnp.ones(2)), START, MODE, t1=1.0)
+
+
+@pytest.mark.parametrize("state", [{"a": {"b": 1.0}, "a.b": 2.0}, {"v": jnp.ones(1), "v[0]": 2.0}])
+def test_entries_of_a_state_that_share_a_name_are_refused(state):
+    """A table would keep one of them only."""
+
+    class Still(hs.AbstractHybridSystem):
+        def flow(self, t, x, mode):
+            return jax.tree.map(jnp.zeros_like, x)
+
+        def guards(self, t, x, mode):
+            return jnp.zeros(0)
+
+        def transition(self, event, t, x, mode):
+            return x, mode
+
+    motion = hs.solve(Still(), state, t1=1.0, ts=TS[:2])
+    with pytest.raises(ValueError, match="must have different names, but .* is that of more than one: rename it"):
+        motion.to_pandas()
