@@ -1,6 +1,7 @@
 """A moving picture of a planar scene, from the outlines of its bodies."""
 
 import base64
+import inspect
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,10 +32,11 @@ class Animation:
         path = Path(path)
         if path.suffix not in {".gif", ".html"}:
             raise ValueError(f"`path` must end in .gif or .html, but is {path.name}.")
+        pace: Any = self.frames_per_second  # Matplotlib declares a whole number, and takes any
         if path.suffix == ".gif":
-            self.moving.save(path, writer=PillowWriter(fps=round(self.frames_per_second)))
+            self.moving.save(path, writer=PillowWriter(fps=pace))
         else:
-            path.write_text(self.moving.to_jshtml(fps=round(self.frames_per_second)))
+            path.write_text(self.moving.to_jshtml(fps=pace))
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the GIF itself, which the notebook keeps."""
@@ -58,24 +60,42 @@ def animate(
     Arguments:
 
     - `scene`, `trajectory`: what moved, and its motion with samples (`ts=`), at least as dense as the frames.
-    - `draw`: `draw(q)` or, for what moves by itself, `draw(q, t)` returns the outlines of all bodies at one instant:
-      arrays (point, 2) in metres, closed ones with their first point again at the end, such as
-      `hybridsens.planar.circle(...)`. Default: the scene's own method `draw`.
+    - `draw`: `draw(q)` or, for what moves by itself, `draw(q, t)` returns the outlines of all bodies at one instant, a
+      list of as many at each: arrays (point, 2) in metres, closed ones with their first point again at the end, such as
+      `hybridsens.planar.circle(...)`. An argument behind these needs a default. Default: the scene's own method `draw`.
     - `frames_per_second`, `speed`: of the picture; speed 0.5 shows the motion at half its pace.
     - `size`: of the picture, in inches.
 
     Each frame shows the sample that is nearest to its time. A motion that broke off is shown as far as it came.
-    Raises: ValueError without samples, or where the motion reached none; without outlines; for more than 600 frames.
+    Raises: ValueError without samples, or where the motion reached none; without outlines; for more than 600 frames, or
+    a pace that is not positive; TypeError for what is no motion of a scene.
     """
     ts, q = _reached(*must_be_sampled(trajectory))
     outlines = _outlines(scene, draw)
+    for name, value in (("frames_per_second", frames_per_second), ("speed", speed)):
+        if not 0 < value < np.inf:
+            raise ValueError(f"`{name}` must be a positive number, but is {value!r}.")
     count = int(np.ceil((ts[-1] - ts[0]) / speed * frames_per_second)) + 1
     if count > MOST_FRAMES:
         raise ValueError(f"An animation has {MOST_FRAMES} frames at most, but this one has {count}: raise `speed`.")
     times = np.linspace(ts[0], ts[-1], count)
     nearest = np.abs(ts[None, :] - times[:, None]).argmin(axis=1)
-    frames = [[np.asarray(body) for body in outlines(q[k], ts[k])] for k in nearest]
+    frames = [_bodies(outlines(q[k], ts[k])) for k in nearest]
+    if len({len(bodies) for bodies in frames}) > 1:
+        raise ValueError("`draw` must return as many outlines at each instant, but returns more at one than another.")
     return Animation(_moving(frames, ts[nearest], size, 1000 / frames_per_second), frames_per_second)
+
+
+def _bodies(outlines: Any) -> list[np.ndarray]:
+    """The outlines at one instant. Raises: ValueError where they are no list of arrays (point, 2)."""
+    shapes = [np.shape(body) for body in outlines]
+    if not shapes or any(len(shape) != 2 or shape[1] != 2 for shape in shapes):
+        raise ValueError(
+            "`draw` must return a list of outlines, arrays of shape (point, 2), with one at least, but returns "
+            f"{'one array' if hasattr(outlines, 'shape') else f'a {type(outlines).__name__}'} of entries of the shapes "
+            f"{sorted(set(shapes))}: put a single outline into a list."
+        )
+    return [np.asarray(body) for body in outlines]
 
 
 def _reached(ts, q):
@@ -127,6 +147,6 @@ def _outlines(scene: Any, draw: Callable | None) -> Callable:
             f"`draw` must be given for a {type(scene).__name__}, or be a method of it: draw(q) -> outlines, arrays "
             "(point, 2)."
         )
-    code = getattr(draw, "__func__", draw).__code__
-    takes = code.co_argcount - (1 if hasattr(draw, "__self__") else 0)
-    return draw if takes > 1 else lambda q, t: draw(q)
+    _, *further = inspect.signature(draw).parameters.values()
+    takes_time = any(one.default is one.empty or one.name == "t" for one in further[:1])  # draw(q, radius=1.0) does not
+    return draw if takes_time else lambda q, t: draw(q)

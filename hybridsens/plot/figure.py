@@ -2,6 +2,7 @@
 
 import io
 import sys
+from typing import Any
 
 import jax.core
 import numpy as np
@@ -41,19 +42,29 @@ def whole_ticks() -> MaxNLocator:
     return MaxNLocator(integer=True, min_n_ticks=1)
 
 
-def must_be_sampled(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Times and configurations of the samples. Raises: ValueError where there are none, or of a batch."""
-    return sample_times("trajectory", trajectory), np.asarray(trajectory.q)
+def must_be_sampled(trajectory: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Times and configurations of the samples. Raises: ValueError where there are none, or of a batch; TypeError for
+    what is no motion of a scene."""
+    _must_come_from("trajectory", trajectory, Trajectory, "simulate", "what moved comes first, and its motion second")
+    return _sample_times("trajectory", trajectory), np.asarray(trajectory.q)
 
 
-def sample_times(name: str, motion: Trajectory | Solution) -> np.ndarray:
-    """Times of the samples of what an argument `name` is. Raises: ValueError where there are none, or of a batch;
-    TypeError where it is no motion."""
-    if not isinstance(motion, Trajectory | Solution):
-        raise TypeError(
-            f"`{name}` must be a motion, as `simulate` or `solve` returns it, but is {type(motion).__name__}: what "
-            "moved comes first, and its motion second."
-        )
+def solution_times(solution: Any) -> np.ndarray:
+    """Times of the samples. Raises: ValueError where there are none, or of a batch; TypeError for what is no motion of
+    a system."""
+    _must_come_from("solution", solution, Solution, "solve", "the motion is all that it takes")
+    return _sample_times("solution", solution)
+
+
+def _must_come_from(name: str, motion: Any, kind: type, maker: str, otherwise: str) -> None:
+    if isinstance(motion, kind):
+        return
+    others = {Solution: "plot_solution(motion)", Trajectory: "plot_trajectory(scene, motion)"}
+    remedy = f"it is drawn by {others[type(motion)]}" if type(motion) in others else otherwise
+    raise TypeError(f"`{name}` must be a motion, as `{maker}` returns it, but is {type(motion).__name__}: {remedy}.")
+
+
+def _sample_times(name: str, motion: Trajectory | Solution) -> np.ndarray:
     if isinstance(motion.events.count, jax.core.Tracer):
         raise ValueError("A motion is drawn outside of jax.jit, jax.grad and jax.vmap.")
     if motion.ts is None:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from ..export.trees import named_leaves
 from ..solution import Solution
-from .figure import ABOVE, LINES, new_figure, sample_times, whole_ticks
+from .figure import ABOVE, LINES, new_figure, solution_times, whole_ticks
 
 MOST = 8
 """Entries of one leaf that are drawn."""
@@ -19,9 +19,10 @@ def plot_solution(solution: Solution) -> Figure:
     """A panel for each leaf of the state, one for the numbers in the mode, one with a tick for each event.
 
     Arguments: a solution with samples (`ts=`), which should be dense.
-    Returns: the figure. Raises: ValueError if the solution has no samples or is a batch.
+    Returns: the figure. Raises: ValueError if the solution has no samples or is a batch; TypeError for a motion of
+    `simulate`.
     """
-    sample_times("solution", solution)
+    solution_times(solution)
     figure = new_figure((8, 1.2 + 1.6 * (len(_rows("x", solution.x)) + 2)))
     draw_solution(solution, figure)
     return figure

@@ -1,7 +1,9 @@
 """Pictures show what the motion did, and moving ones have its frames."""
 
+import functools
 import types
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,11 +11,13 @@ from PIL import Image
 
 import hybridsens as hs
 from hybridsens.outcome import Steps
-from hybridsens.plot.figure import new_figure
+from hybridsens.plot.animation import _outlines
+from hybridsens.plot.figure import must_be_sampled, new_figure, solution_times
 from hybridsens.scenes import BouncingBall
 from hybridsens.solution import SolutionEvents
 
 FALL = float(np.sqrt(2 / 9.81))
+PICTURES = (hs.animate, hs.plot_trajectory, hs.plot_contacts, hs.plot_coordinates, hs.plot_phase)
 
 
 class NamedBall(BouncingBall):
@@ -149,9 +153,8 @@ def test_samples_at_no_time_are_told_of():
     """In pictures that move and in those that do not."""
     ball = NamedBall()
     motion = hs.simulate(ball, ball.initial_state(), t1=0.3, ts=jnp.zeros(0))
-    pictures = (hs.animate, hs.plot_trajectory, hs.plot_contacts, hs.plot_coordinates, hs.plot_phase)
     costate = lambda scene, motion: hs.plot_costate(scene, motion, lambda following: following.final.q[0])
-    for draw in (*pictures, costate):
+    for draw in (*PICTURES, costate):
         with pytest.raises(ValueError, match="`ts` must hold at least one time where `trajectory` is made"):
             draw(ball, motion)
 
@@ -159,3 +162,43 @@ def test_samples_at_no_time_are_told_of():
 def test_a_figure_shows_itself_in_a_notebook():
     """As a PNG, without pyplot."""
     assert new_figure((1, 1))._repr_png_().startswith(b"\x89PNG")
+
+
+def test_a_picture_of_a_motion_of_the_other_kind_is_refused(motion):
+    """And the one that draws it is named."""
+    with pytest.raises(TypeError, match="`trajectory` must be a motion, as `simulate` .* drawn by plot_solution"):
+        must_be_sampled(_switched_once({"on": jnp.array(True)}))
+    with pytest.raises(TypeError, match="`solution` must be a motion, as `solve` .* drawn by plot_trajectory"):
+        solution_times(motion)
+    with pytest.raises(TypeError, match="is NamedBall: what moved comes first, and its motion second"):
+        must_be_sampled(NamedBall())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (dict(speed=0.0), "`speed` must be a positive number, but is 0.0"),
+        (dict(speed=float("nan")), "`speed` must be a positive number, but is nan"),
+        (dict(frames_per_second=-1.0), "`frames_per_second` must be a positive number, but is -1.0"),
+        (dict(draw=lambda q: []), "`draw` must return a list of outlines"),
+        (dict(draw=lambda q: np.zeros((5, 2))), "`draw` must return a list of outlines.* put a single outline into"),
+        (dict(draw=lambda q, t: [np.zeros((5, 2))] * (2 if t > 0.5 else 1)), "`draw` must return as many outlines"),
+    ],
+)
+def test_an_animation_that_cannot_be_made_says_why(motion, given, message):
+    with pytest.raises(ValueError, match=message):
+        hs.animate(NamedBall(), motion, **given)
+
+
+def test_outlines_come_from_any_function(motion, tmp_path):
+    """A partial one, a compiled one, one with a default that is no time; at any pace."""
+    body = lambda radius, q: [jnp.stack([jnp.zeros(2), radius + jnp.array([q[0], q[0]])])]
+    partial = functools.partial(body, 0.1)
+    for draw in (partial, jax.jit(partial), lambda q, radius=0.1: body(radius, q)):
+        moving = hs.animate(NamedBall(), motion, draw, frames_per_second=0.4, size=(2.0, 2.0))
+        moving.save(tmp_path / "slow.gif")
+        moving.save(tmp_path / "slow.html")
+        with Image.open(tmp_path / "slow.gif") as gif:
+            assert gif.n_frames == 2 and gif.info["duration"] == 2500
+    outlines = _outlines(NamedBall(), lambda q, radius=0.1: body(radius, q))
+    np.testing.assert_allclose(outlines(np.ones(1), 7.0)[0][1], [1.1, 1.1])
