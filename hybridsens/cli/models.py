@@ -110,13 +110,23 @@ def _own(module: Any) -> list[str]:
 
 
 def _load(path: Path) -> Any:
+    """The file as a module. Raises: typer.BadParameter for what cannot be read, with the file and the line of it."""
     spec = importlib.util.spec_from_file_location(f"file_{path.stem}", path)  # a name that no library has
     if spec is None or spec.loader is None:
         raise typer.BadParameter(f"{path} must be a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # where Python looks for the source of its classes
-    with contextlib.redirect_stdout(sys.stderr):  # what the file prints is none of the command's output
-        spec.loader.exec_module(module)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # what the file prints is none of the command's output
+            spec.loader.exec_module(module)
+    except SyntaxError as error:
+        raise typer.BadParameter(
+            f"{path} must be a Python file, but line {error.lineno} of {error.filename} cannot be read: {error.msg}"
+        ) from error
+    except (ValueError, OSError, ImportError) as error:
+        raise typer.BadParameter(
+            f"{path} must run as a Python file, but raises {type(error).__name__}: {error}"
+        ) from error
     return module
 
 

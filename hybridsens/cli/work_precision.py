@@ -1,5 +1,6 @@
 """`hybridsens work-precision`: accuracy against time on a ready-made scene."""
 
+import inspect
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -54,12 +55,14 @@ def work_precision(
 def _solver(name: str) -> Any:
     import diffrax
 
-    solver = getattr(diffrax, name, None)
-    if not (isinstance(solver, type) and issubclass(solver, diffrax.AbstractAdaptiveSolver)):
+    kind = diffrax.AbstractAdaptiveSolver
+    classes = {key: of for key, of in vars(diffrax).items() if inspect.isclass(of) and issubclass(of, kind)}
+    known = {key: of for key, of in classes.items() if not key.startswith("Abstract")}
+    if name not in known:
         raise typer.BadParameter(
-            f"Diffrax has no solver with an error estimate of the name {name!r}.{did_you_mean(name, vars(diffrax))}"
+            f"Diffrax has no solver with an error estimate of the name {name!r}.{did_you_mean(name, known)}"
         )
-    return solver()
+    return known[name]()
 
 
 def _method(name: str) -> Any:

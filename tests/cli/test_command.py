@@ -155,6 +155,12 @@ def test_bad_arguments_get_one_clear_line_and_a_status(arguments, reason, capsys
     assert reason in line
 
 
+def test_a_solver_that_is_refused_is_not_suggested(capsys):
+    """Euler's method is one of Diffrax, without an error estimate."""
+    assert run(["work-precision", "--solver", "Euler"]) == 2
+    assert capsys.readouterr().err.endswith("no solver with an error estimate of the name 'Euler'.\n")
+
+
 def test_the_console_script_configures_jax_and_passes_its_status_on():
     """A fresh process runs in double precision, and its exit status is that of the command."""
     code = "import sys, jax; from hybridsens.cli.main import main\n"

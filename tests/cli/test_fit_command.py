@@ -147,6 +147,23 @@ def test_a_file_without_a_class_is_answered_with_those_that_it_has(tmp_path):
         fit(str(module), RECORD, "speed", skip_missing=True)
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x = 1\nclass Falling(:\n", "must be a Python file, but line 2 of {}"),
+        ("import no_such_library", "{} must run as a Python file, but raises ModuleNotFoundError: No module named"),
+        ("open('no/such/file')", "{} must run as a Python file, but raises FileNotFoundError"),
+    ],
+)
+def test_a_file_that_does_not_run_is_named(text, told, tmp_path, capsys):
+    """Assert that it is one line with the file, not the frames of the command."""
+    module = tmp_path / "own.py"
+    module.write_text(text)
+    assert run(["scenes", f"{module}:Falling"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told.format(module) in line
+
+
 def test_a_class_that_refuses_its_own_defaults_is_named(tmp_path, capsys):
     """Assert that what its constructor raises is told with the class and the file."""
     module = tmp_path / "own.py"
