@@ -13,6 +13,7 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.switches import has_switches
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings
+from ..validation.arguments import real_tolerance
 from ..waiting import waiting
 from .check_causes import ParameterCheck, find_causes
 from .check_events import check_events
@@ -55,8 +56,9 @@ def check_gradient(
     the noise of motions by the width, 256 events and 16384 steps by default.
 
     Raises: SimulationError if the motion does not reach its end; TypeError for a cost that moves its scene otherwise;
-    ValueError for a parameter or a cost that is not finite.
+    ValueError for a parameter or a cost that is not finite, or a `tolerance` that is not positive.
     """
+    real_tolerance("tolerance", tolerance)
     cost = choose_cost(scene, cost)
     own = dict(rtol=1e-12, atol=1e-12, max_events=256, max_steps=16384)
     chosen = chosen_settings("check_gradient", settings, own)

@@ -14,6 +14,7 @@ from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings
 from ..status import Status
 from ..system import AbstractHybridSystem
+from ..validation.arguments import real_tolerance, whole_number
 from ..waiting import counted, waiting
 from .compare_table import Comparison as Comparison
 from .compare_table import Reference as Reference
@@ -70,8 +71,11 @@ def compare(
     - `settings`: see `Settings`; rtol = atol = `tolerance`, 256 events and 4096 steps by default. The reference has
       four times the steps.
 
-    A method that fails has the reason in its row. Raises: SimulationError if the reference itself fails.
+    A method that fails has the reason in its row. Raises: SimulationError if the reference itself fails; ValueError for
+    a `tolerance` that is not positive, or less than one step.
     """
+    real_tolerance("tolerance", tolerance)
+    whole_number("`steps`", steps)
     cost = choose_cost(scene, cost)
     parameters = flatten_parameters(scene)
     own = dict(rtol=tolerance, atol=tolerance, max_events=256, max_steps=4096)

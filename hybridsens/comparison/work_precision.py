@@ -14,6 +14,7 @@ import numpy as np
 from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, ForwardSensitivities, Replay
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings, finest_tolerance
+from ..validation.arguments import real_tolerance
 from ..waiting import counted
 from .compare import Reference, must_be_finite, relative_error, tight_reference
 from .differentiate import value_and_gradient
@@ -71,11 +72,13 @@ def work_precision(
     A setting that fails is a point with its reason. float64 needs `hybridsens.configure()` before JAX starts.
 
     Raises: TypeError for one solver, tolerance, method or dtype where a list of them is asked for; ValueError for a
-    dtype other than these two, or a `store` that has another ending or the points of something else; SimulationError if
-    the reference fails.
+    tolerance that is not positive, a dtype other than these two, or a `store` that has another ending or the points of
+    something else; SimulationError if the reference fails.
     """
     asked = dict(solvers=solvers, tolerances=tolerances, methods=methods, dtypes=dtypes)
     solvers, tolerances, methods, dtypes = (_listed(name, entries) for name, entries in asked.items())
+    for tolerance in tolerances:
+        real_tolerance("tolerances", tolerance)
     unknown = set(dtypes) - {"float64", "float32"}
     if unknown:
         raise ValueError(f'`dtypes` must have entries among "float64" and "float32", but has {sorted(unknown)}.')

@@ -10,12 +10,28 @@ import hybridsens as hs
 from hybridsens.comparison.check_gradient import check_gradient
 from hybridsens.comparison.compare import compare
 from hybridsens.comparison.functional import choose_cost
+from hybridsens.comparison.work_precision import work_precision
 from tests.problems.hybrid_systems import Decay
 from tests.problems.sawtooth import Sawtooth
 
 
 def final(system, solve, **settings):
     return solve(system, 1.0, t1=1.0, **settings).final
+
+
+@pytest.mark.parametrize(
+    ("study", "given", "message"),
+    [
+        (check_gradient, dict(tolerance=-1.0), "`tolerance` must be a positive number, but is -1.0"),
+        (compare, dict(tolerance=float("nan")), "`tolerance` must be a positive number, but is nan"),
+        (compare, dict(steps=0), "`steps` must be an integer >= 1, but is 0"),
+        (work_precision, dict(tolerances=[1e-6, 0.0]), "`tolerances` must be a positive number, but is 0.0"),
+    ],
+)
+def test_numbers_that_no_study_can_use_are_refused(study, given, message):
+    """Before anything is compiled: a tolerance below 0 took minutes, and ended in words of other packages."""
+    with pytest.raises(ValueError, match=message):
+        study(Decay(), final, progress=False, **given)
 
 
 ROOM = dict(max_events=4, max_steps=256)
