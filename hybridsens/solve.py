@@ -147,6 +147,10 @@ class Call(eqx.Module):
     def __call__(self, ts) -> Solution:
         return solve(**self._given(), ts=ts)
 
+    def __reduce__(self):
+        """As what was given: a structure of Equinox's modules that was pickled makes no module."""
+        return Call.of, (self._given(),)
+
     def horizon(self) -> tuple[Array, Array]:
         """(t0, t1)."""
         given = self._given()

@@ -1,6 +1,7 @@
 """Out of a motion of a hybrid system lead tables, data sets and files, and a file leads back."""
 
 import dataclasses
+import pickle
 
 import equinox as eqx
 import jax
@@ -168,3 +169,10 @@ def test_entries_of_a_state_that_share_a_name_are_refused(state):
     motion = hs.solve(Still(), state, t1=1.0, ts=TS[:2])
     with pytest.raises(ValueError, match="must have different names, but .* is that of more than one: rename it"):
         motion.to_pandas()
+
+
+def test_a_motion_that_was_pickled_is_evaluated(motion):
+    """Its system comes along."""
+    again = pickle.loads(pickle.dumps(motion))
+    np.testing.assert_array_equal(again.x["level"], motion.x["level"])
+    np.testing.assert_allclose(again.evaluate([0.3])["level"], [[0.24, 0.135]], atol=1e-9)
