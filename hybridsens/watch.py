@@ -90,7 +90,7 @@ class Watch(eqx.Module):
         """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""
         # One that starts on zero does not show its size there; what it is a difference of does.
         rounded = rounding(seen.value.dtype)
-        on_zero = starts & (jnp.abs(seen.value) <= rounded * seen.scale)
+        on_zero = starts & jnp.isfinite(seen.scale) & (jnp.abs(seen.value) <= rounded * seen.scale)
         known = dataclasses.replace(self, size=jnp.where(on_zero, jnp.maximum(self.size, seen.scale), self.size))
         above = seen.value >= -rounded * known.size - time_resolution(t, 1) * jnp.abs(seen.rate)
         armed = jnp.where(starts, above, self.armed)
@@ -136,8 +136,13 @@ class Watch(eqx.Module):
         return jnp.where(flatter, scale / jnp.where(flatter, self.size, 1), 1)
 
     def _widened(self, armed, pending, seen: Seen) -> "Watch":
-        size, speed = jnp.maximum(self.size, jnp.abs(seen.value)), jnp.maximum(self.speed, jnp.abs(seen.rate))
+        size, speed = _largest(self.size, seen.value), _largest(self.speed, seen.rate)
         return Watch(armed, pending, size, speed, seen.reach)
+
+
+def _largest(so_far: Float[Array, "guard"], now: Float[Array, "guard"]) -> Float[Array, "guard"]:
+    """The largest size so far. An infinite one, as of a logarithm of 0, tells nothing of any rounding."""
+    return jnp.maximum(so_far, jnp.where(jnp.isfinite(now), jnp.abs(now), 0))
 
 
 def _uneven(reach: Float[Array, "state"]) -> Float[Array, "state"]:

@@ -30,6 +30,7 @@ def guards_at_start(system, t, x, mode) -> GuardsAtStart:
     size, rate_size = scales_at(system, t, x, mode, guard)
     noise, rate_noise = closeness(x.dtype) * size, closeness(x.dtype) * rate_size
     triggered = (rate < -rate_noise) & (guard <= rounding(x.dtype) * size - time_resolution(t, 0) * rate)
+    triggered &= guard < jnp.inf  # where the rate is infinite too, that comparison says nothing
     leaving = (guard <= noise) & ~triggered & (rate >= -rate_noise)
     lifting = leaving & (rate <= rate_noise)  # without a rate, only its acceleration carries it off
     jumped = guard < -noise - time_resolution(t, MOST_RELAXED) * jnp.abs(rate)

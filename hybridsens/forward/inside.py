@@ -144,7 +144,7 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     root, miss = first_falling_root(step.guard0, step.rate0 * h, end, rate * h, rounded)
     is_shortest = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
     # A guard that is no number would never fall. A rate may be infinite where a gap is a square root.
-    known = jnp.all(jnp.isfinite(guard) & ~jnp.isnan(rate))
+    known = jnp.all(jnp.isfinite(guard) & jnp.isfinite(step.guard0) & ~jnp.isnan(rate))
     roots = t0 + jnp.where(on_guard | is_shortest | ~known, jnp.inf, root) * h
     early = roots < resolution.stop - time_resolution(t1, AT_END)
     # What falls so little before the end of the solve fires at the end, and by the same root: left below zero, it would

@@ -1,12 +1,15 @@
 """Pictures of a motion: gaps, velocities and contacts over time, single coordinates, paths in the phase plane."""
 
+import operator
+from typing import SupportsIndex
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..export.names import contact_names, coordinate_names
+from ..export.names import contact_names, coordinate_names, split_unit
 from ..mechanics.contact import gap_and_rate
 from ..mechanics.mode import EventKind, closeness
 from ..mechanics.scene import AbstractScene
@@ -122,17 +125,17 @@ def plot_coordinates(scene: AbstractScene, trajectory: Trajectory) -> Figure:
 
 
 def plot_phase(
-    scene: AbstractScene, trajectory: Trajectory, coordinate: int | str = 0, axes: Axes | None = None
+    scene: AbstractScene, trajectory: Trajectory, coordinate: SupportsIndex | str = 0, axes: Axes | None = None
 ) -> Figure:
     """A coordinate's velocity against the coordinate. Impacts are dotted jumps, the start is a circle.
 
-    Arguments: the scene; its trajectory with samples; the coordinate, by its number or its name; axes to draw in, or
-    None for a new figure.
+    Arguments: the scene; its trajectory with samples; the coordinate, by its number or its name, with or without
+    its unit; axes to draw in, or None for a new figure.
     Returns: the figure. Raises: ValueError without samples, for a batch, or for a coordinate that there is not.
     """
     must_be_sampled(trajectory)
     names, rates = coordinate_names(scene, trajectory.final.q.shape[0])
-    number = coordinate if isinstance(coordinate, int) else _number(coordinate, names)
+    number = _number(coordinate, names) if isinstance(coordinate, str) else operator.index(coordinate)
     if not 0 <= number < len(names):
         raise ValueError(f"`coordinate` must be one of 0 to {len(names) - 1}, but is {coordinate}.")
     axes = new_figure((5.5, 5)).subplots() if axes is None else axes
@@ -159,6 +162,8 @@ def _draw_jumps(axes: Axes, trajectory: Trajectory, number: int) -> None:
 
 
 def _number(name: str, names: list[str]) -> int:
-    if name not in names:
-        raise ValueError(f"`coordinate` must be one of {', '.join(names)}, but is {name}.")
-    return names.index(name)
+    """The number of a coordinate, by its name with or without its unit."""
+    for known in (names, [split_unit(name)[0] for name in names]):
+        if name in known:
+            return known.index(name)
+    raise ValueError(f"`coordinate` must be one of {', '.join(names)}, but is {name}.")

@@ -1,4 +1,4 @@
-"""A motion that is not finite: was a nan given to it?"""
+"""A motion that is not finite: was it given so?"""
 
 from typing import Any
 
@@ -9,15 +9,18 @@ import numpy as np
 
 
 def nan_among(model: Any, state: Any) -> str:
-    """A sentence that names the first parameter of a model which is nan, or the first such entry of its initial state;
-    "" if none is, and while values are traced."""
-    for tree, of in ((model, type(model).__name__), (state, "the initial state")):
+    """A sentence that names the first parameter of a model which is nan, or the first entry of its initial state which
+    is not finite; "" if none is, and while values are traced. An infinite parameter may be meant: a time that never
+    comes."""
+    is_infinite = lambda leaf: ~np.isfinite(leaf)
+    for tree, of, is_wrong in ((model, type(model).__name__, np.isnan), (state, "the initial state", is_infinite)):
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
             if isinstance(leaf, jax.core.Tracer):
                 return ""
-            wrong = np.argwhere(np.isnan(leaf) if eqx.is_inexact_array_like(leaf) else np.array(False))
+            wrong = np.argwhere(is_wrong(leaf) if eqx.is_inexact_array_like(leaf) else np.array(False))
             if len(wrong):
-                return f"{_entry(path, tuple(wrong[0].tolist()))} of {of} is nan."
+                index = tuple(wrong[0].tolist())
+                return f"{_entry(path, index)} of {of} is {np.asarray(leaf)[index]}."
     return ""
 
 

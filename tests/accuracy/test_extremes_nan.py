@@ -78,3 +78,25 @@ def test_a_gap_that_loses_its_rate_ends_the_motion(height):
     motion = run(rate_below=height)
     assert motion.status == hs.Status.non_finite
     assert_close(motion.final.q, np.array([height]), 1e-9, scale=1.0)
+
+
+class Reciprocal(hs.AbstractHybridSystem):
+    """x' = 1 from 0 on; at x = 1/2 the guard 1 / x - 2 falls, and x goes back to where it is infinite."""
+
+    def flow(self, t, x, mode):
+        return jnp.ones_like(x)
+
+    def guards(self, t, x, mode):
+        return (1 / x - 2)[None]
+
+    def transition(self, event, t, x, mode):
+        return jnp.zeros_like(x), mode
+
+
+@pytest.mark.parametrize(("start", "times"), [(0.0, []), (0.25, [0.25])])
+def test_a_guard_that_begins_at_infinity_ends_the_motion(start, times):
+    """At the start, and after an event: nothing tells how far it is from its zero."""
+    solution = hs.solve(Reciprocal(), start, t1=2.0, max_events=8, throw=False)
+    assert solution.status == hs.Status.non_finite
+    assert int(solution.events.count) == len(times)
+    np.testing.assert_allclose(solution.events.time[: len(times)], times, rtol=1e-12)

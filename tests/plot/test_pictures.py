@@ -88,6 +88,8 @@ def test_coordinates_have_their_names_and_jumps(motion):
     assert [row.get_ylabel() for row in rows] == ["height [m]", "height rate [m/s]"]
     over_time = hs.plot_trajectory(NamedBall(), motion).axes
     assert [label.get_text() for label in over_time[2].get_yticklabels()] == ["floor"]
+    for same in ("height", np.int64(0)):
+        assert hs.plot_phase(NamedBall(), motion, same).axes[0].get_xlabel() == "height [m]"
     with pytest.raises(ValueError, match="one of height"):
         hs.plot_phase(NamedBall(), motion, "width")
 
