@@ -26,8 +26,13 @@ def load(path: str | Path) -> Any:
     no `evaluate`.
     Raises: ImportError without xarray; FileNotFoundError; ValueError for a file that `save` did not write."""
     xarray = optional("xarray", "hybridsens.load()")
-    with xarray.open_dataset(path, engine="netcdf4") as file:
-        dataset = file.load()
+    try:
+        with xarray.open_dataset(path, engine="netcdf4") as file:
+            dataset = file.load()
+    except OSError as error:
+        if isinstance(error, FileNotFoundError | PermissionError):
+            raise
+        raise ValueError(f"{path} must be a file that `save` of hybridsens wrote, but is no netCDF file.") from error
     kind = dataset.attrs.get("hybridsens")
     if kind == "fit":
         return dataset

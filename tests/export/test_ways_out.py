@@ -180,8 +180,12 @@ def test_a_place_that_is_none_is_named(motion, tmp_path):
 def test_a_file_of_another_origin_is_refused(motion, tmp_path):
     """Only `save` writes what `load` reads."""
     motion.to_xarray().to_netcdf(tmp_path / "other.nc")
-    with pytest.raises(ValueError, match="must be a file that `save`"):
-        hs.load(tmp_path / "other.nc")
+    (tmp_path / "text.nc").write_text("time,q[0]")
+    for name in ("other.nc", "text.nc"):
+        with pytest.raises(ValueError, match="must be a file that `save`"):
+            hs.load(tmp_path / name)
+    with pytest.raises(FileNotFoundError):
+        hs.load(tmp_path / "none.nc")
 
 
 def test_other_times_are_as_exact_as_the_motion(motion):
