@@ -149,7 +149,9 @@ class EventLocator(diffrax.AbstractStepSizeController):
             jumped=inside.jumps,
             finite=jnp.all(jnp.isfinite(y1_candidate)) & inside.known,
         )
-        return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, keep, landed, new)
+        # A step of a few units of the last place is as long once more, by rounding, and would fail for ever.
+        again = ~accurate & ~(next_t1 < t1)
+        return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, again, keep, landed, new)
 
     def _look(self, system, mode, step: StepEnds, accurate, state: LocatorState) -> Inside:
         """What a candidate step shows: by its ends, and by a search of its inside where the system has one."""
@@ -169,11 +171,11 @@ class EventLocator(diffrax.AbstractStepSizeController):
         step = jnp.where(clipped, jnp.maximum(step, state.free_step), step)
         return jnp.where(state.shortenings > 0, state.free_step, step)
 
-    def _result(self, next_t0, next_t1, keep, landed, state: LocatorState):
+    def _result(self, next_t0, next_t1, again, keep, landed, state: LocatorState):
         R = diffrax.RESULTS
         tried, kept = state.record.count + state.rejected, state.record.count - self.record.count
         full = ((tried >= self.max_steps) | (kept >= self.segment_steps)) & (next_t0 < self.stop)
-        stuck = ~keep & ~(next_t1 - next_t0 > time_resolution(next_t0, -1))
+        stuck = again | (~keep & ~(next_t1 - next_t0 > time_resolution(next_t0, -1)))
         result = R.where(landed, R.event_occurred, R.successful)
         result = R.where(stuck, R.dt_min_reached, result)
         return R.where(full, R.max_steps_reached, result)
