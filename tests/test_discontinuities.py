@@ -41,6 +41,11 @@ class CountedTank(Tank):
         return jnp.stack([jnp.minimum(x - self.least, 2.0 - x), jnp.floor(10 * x) + 0.5])
 
 
+class ComparingTank(Tank):
+    def guards(self, t, x, mode):
+        return jnp.where(x < self.least, -1.0, 1.0)[None]
+
+
 class KnownTank(OverflowingTank):
     known_discontinuities = True
 
@@ -57,6 +62,7 @@ def drain(tank, **settings):
         (PulsedTank, ("`flow`", "jnp.where of t", "jump_ts", "known_discontinuities")),
         (OverflowingTank, ("`flow`", "jnp.minimum of x", "write a guard that falls there")),
         (CountedTank, ("`guards`", "jnp.floor of x", "jnp.minimum of x", "one guard for each")),
+        (ComparingTank, ("`guards`", "jnp.where of x", "what is compared", "located_discontinuities")),
     ],
 )
 def test_what_the_trace_shows_is_told(tank, words):

@@ -56,3 +56,50 @@ def test_it_moves_with_an_event_at_that_place(written):
     end = lambda place, method: moved(Faster, place, *written, adjoint=method).final[0]
     assert_close(jax.grad(end)(PLACE, hs.Replay()), -2.0, 1e-12)
     assert_close(jax.jacfwd(end)(PLACE, hs.ForwardSensitivities()), -2.0, 1e-12)
+
+
+class Later(hs.AbstractHybridSystem):
+    """x' = 1 until the place, then -x: a guard that has no rate on either side of it, in x or in t."""
+
+    place: jax.Array
+    of: str = eqx.field(static=True)
+
+    def flow(self, t, x, mode):
+        return jnp.where(mode == 1, -x, 1.0)
+
+    def guards(self, t, x, mode):
+        return jnp.where((t if self.of == "t" else x) < self.place, 1.0, -1.0)[None]
+
+    def transition(self, event, t, x, mode):
+        return x, jnp.ones_like(mode)
+
+
+class Located(Later):
+    located_discontinuities = True
+
+
+def later(kind, place, of, **given):
+    return hs.solve(kind(place, of), 0.0, 0, t1=2.0, **given)
+
+
+END, SLOPE = 0.7 * jnp.exp(-1.3), 1.7 * jnp.exp(-1.3)
+"""x(2) = place exp(place - 2), and its derivative."""
+
+
+@pytest.mark.filterwarnings("ignore:`guards` must be smooth")
+def test_one_that_jumps_and_then_stands_still_fires_once():
+    """It need not fall on to be told from one that repeats; declared, its time has a derivative."""
+    motion = later(Later, PLACE, "t", throw=False)
+    assert motion.status == hs.Status.guard_jumps and motion.events.count == 1
+    assert_close(motion.final, END, 1e-8)
+    declared = lambda place: later(Later, place, "t", jump_ts=place[None]).final
+    assert_close(jax.grad(declared)(PLACE), SLOPE, 1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", ["t", "x"])
+def test_as_a_comparison_that_is_an_event_it_is_right(of):
+    """What the warning advises."""
+    end = lambda place: later(Located, place, of).final
+    assert_close(end(PLACE), END, 1e-8)
+    assert_close(jax.grad(end)(PLACE), SLOPE, 1e-7)
