@@ -25,10 +25,11 @@ def has_jumped(guard, rate, length, t) -> Bool[Array, ""]:
 
 
 def is_not_smooth(scene: AbstractScene, t, q, v, mode: ContactMode) -> Bool[Array, ""]:
-    """Whether a held gap, or its rate, jumps just ahead of (t, q, v).
+    """Whether a held gap, or its rate, jumps just ahead of (t, q, v), or the gap has jumped just now.
 
     The change over a short distance h, by more than the rate explains, is of the order of h where the gap is smooth
-    (of h^2 for the gap itself), and as large at h / 16 as at h where it jumps.
+    (of h^2 for the gap itself), and as large at h / 16 as at h where it jumps. A jump at a declared time lies behind:
+    it has left the gap off what it is held at.
     """
     near = jnp.finfo(q.dtype).eps ** 0.6 * jnp.abs(t)
     gap, rate = gap_and_rate(scene, t, q, v)
@@ -38,15 +39,17 @@ def is_not_smooth(scene: AbstractScene, t, q, v, mode: ContactMode) -> Bool[Arra
         return jnp.abs(ahead - gap - h * rate), jnp.abs(rate_ahead - rate)
 
     scales = gap_tolerance(mode.length), closeness(q.dtype) * mode.speed
+    behind = jnp.abs(gap - mode.held_gap) > scales[0] + time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
     jumps = [
         (close > far / 4) & (close > 4 * scale)
         for close, far, scale in zip(changes(near), changes(WIDER * near), scales, strict=True)
     ]
-    return jnp.any(mode.active & (jumps[0] | jumps[1]))
+    return jnp.any(mode.active & (jumps[0] | jumps[1] | behind))
 
 
 REMEDIES = {
-    "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the scene.",
+    "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the scene; a "
+    "gap may have a kink there, but must not jump.",
     "gap": "For a minimum of gaps write one gap for each, and round off the corner of a maximum.",
     "state": "For a jump in q or v set `located_discontinuities = True` in the scene, which makes comparisons events; "
     "or make it a contact, or a switch of an `AbstractSwitchedScene`.",

@@ -144,6 +144,13 @@ def test_a_gap_that_jumps_through_a_body_ends_the_motion(way):
     ends_at(motion, 1.0)
 
 
+@pytest.mark.parametrize("way", ["held", pytest.param("bouncing", marks=pytest.mark.slow)])
+def test_nor_may_it_jump_at_a_declared_time(way):
+    """The step that cannot be taken begins behind the jump."""
+    weight, q, v = WAYS[way]
+    ends_at(run(Step(jnp.array(weight)), [q], [v], 2.0, ts=jnp.linspace(0, 2, 201), jump_ts=jnp.array([1.0])), 1.0)
+
+
 class Thrust(Step):
     """A thrust of twice the weight from t = 1 on, at rest on a floor."""
 
