@@ -28,8 +28,8 @@ add_remark(
 )
 add_remark(
     Status.event_repeats,
-    "In a mechanical scene a contact would stay closed: if the scene sets `sustained_contact = False`, set it to True; "
-    "otherwise the laws of contact have no solution there.",
+    "In a mechanical scene where it was an impact, a contact would stay closed: if the scene sets "
+    "`sustained_contact = False`, set it to True; otherwise the laws of contact have no solution there.",
 )
 add_remark(
     Status.guard_jumps,

@@ -133,6 +133,7 @@ def test_a_motion_that_slides_along_a_jump_is_refused():
             return x, mode
 
     solution = hybridsens.solve(Sliding(), 0.5, t1=1.0, throw=False)
+    assert "slides along a threshold or a comparison" in solution.status.message
     assert not bool(solution.status.reached_end) and float(solution.events.time[0]) == pytest.approx(0.5)
     with pytest.raises(hybridsens.SimulationError, match="The last events: t = 0.5, comparison 0"):
         hybridsens.solve(Sliding(), 0.5, t1=1.0)
