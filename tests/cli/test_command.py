@@ -122,7 +122,7 @@ def _not_reached(*given, **named):
         (["demo", "newtons-cradle"], "no scene 'newtons-cradle'; choose elastic-stop"),
         (["demo", "newtons-cradle"], "A NewtonsCradle of any size is made in Python"),
         (["demo", "--tolerance", "0"], "tolerance must lie between"),
-        (["demo", "--tolerance", "small"], "valid number"),
+        (["demo", "--tolerance", "small"], "Invalid value for '--tolerance'"),
         (["demo", "--output", "motion.doc"], "must end in one of"),
         (["demo", "--output", "no/such/folder/motion.png"], "no folder no/such/folder"),
         (["compare", "--output", "no/x.png"], "--output': must lie in a folder that exists, but there is no folder no"),
