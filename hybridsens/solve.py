@@ -29,7 +29,7 @@ from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.asked import kind_of
 from .validation.direction import forward_only, reverse_only
-from .validation.nan_given import nan_among
+from .validation.not_finite import not_finite_among
 from .validation.numbers import told_of_constants
 from .waiting import waiting
 
@@ -168,8 +168,8 @@ class Call(eqx.Module):
 def _shown_by_values(system: AbstractHybridSystem, x0, solution: Solution) -> str:
     """An end to the message of a motion that did not reach its end; "" where nothing can be seen."""
     code = solution.status.code
-    nan = "" if isinstance(code, jax.core.Tracer) or code != Status.non_finite.code else nan_among(system, x0)
-    return f" {nan}" if nan else last_events(solution)
+    given = "" if isinstance(code, jax.core.Tracer) or code != Status.non_finite.code else not_finite_among(system, x0)
+    return f" {given}" if given else last_events(solution)
 
 
 @eqx.filter_jit

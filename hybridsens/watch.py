@@ -106,10 +106,10 @@ class Watch(eqx.Module):
         share = self._share(before.scale)
         this, guards = jnp.arange(self.armed.size) == event, seen.value
         # An event is placed to what time can resolve: by so much its guard may be off, and be put back.
-        off = time_resolution(t, 1) * jnp.abs(before.rate)
-        still = jnp.abs(guards - before.value) <= near * share * self.size + off
+        told_apart = near * share * self.size + time_resolution(t, 1) * jnp.abs(before.rate)
+        still = jnp.abs(guards - before.value) <= told_apart
         # One that has jumped below zero need not fall any more.
-        below = guards < -(near * share * self.size + off)
+        below = guards < -told_apart
         falls_on = (seen.rate < -near * share * self.speed) | (self.pending & (guards < 0)) | below
         passing = this & self.armed & same & still & falls_on
         # One that was passed at this very instant is on zero still: another event does not make it fall again.

@@ -10,7 +10,7 @@ from ..export.names import contact_names
 from ..export.text import array_text, rows_shown
 from ..export.trees import as_text
 from ..status import Status
-from ..validation.nan_given import nan_among
+from ..validation.not_finite import not_finite_among
 from .mode import EventKind
 from .scene import AbstractScene, State
 
@@ -91,7 +91,7 @@ def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: 
         "bad_restitution": lambda: _of_contact("restitution", scene, scene.restitution(), _worst_restitution),
         "bad_horizon": lambda: f"Here t0 is {t0:.9g} and t1 is {t1:.9g}.",
         "unsorted_times": lambda: _time_in_the_way(ts, t0, t1),
-        "non_finite": lambda: nan_among(scene, state) or _last_events(motion),
+        "non_finite": lambda: not_finite_among(scene, state) or _last_events(motion),
     }
     text = told.get(Status.names()[int(motion.status.code)], lambda: _last_events(motion))()
     return f" {text}" if text else ""

@@ -147,6 +147,6 @@ def _outlines(scene: Any, draw: Callable | None) -> Callable:
             f"`draw` must be given for a {type(scene).__name__}, or be a method of it: draw(q) -> outlines, arrays "
             "(point, 2)."
         )
-    _, *further = inspect.signature(draw).parameters.values()
+    further = list(inspect.signature(draw).parameters.values())[1:]
     takes_time = any(one.default is one.empty or one.name == "t" for one in further[:1])  # draw(q, radius=1.0) does not
     return draw if takes_time else lambda q, t: draw(q)

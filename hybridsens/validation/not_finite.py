@@ -8,7 +8,7 @@ import jax.core
 import numpy as np
 
 
-def nan_among(model: Any, state: Any) -> str:
+def not_finite_among(model: Any, state: Any) -> str:
     """A sentence that names the first parameter of a model which is nan, or the first entry of its initial state which
     is not finite; "" if none is, and while values are traced. An infinite parameter may be meant: a time that never
     comes."""
