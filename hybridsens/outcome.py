@@ -46,18 +46,19 @@ def raise_unless_successful(trajectory: Motion, describe: Callable[[Any], str] =
         one = _one_or_raise(worst)  # a factor, so that what a gradient comes from has been checked too
         return jax.tree.map(lambda leaf: _times(leaf, one) if eqx.is_array(leaf) else leaf, trajectory)
     if worst != Status.successful.code:
-        raise SimulationError(_message(worst) + _steps_told(trajectory) + describe(trajectory))
+        raise SimulationError(_message(worst) + end_told(trajectory) + _steps_told(trajectory) + describe(trajectory))
     return trajectory
 
 
 def nan_unless_reached(trajectory: Motion, given: Any) -> Motion:
-    """The trajectory, with all that is real in it made nan where the motion did not reach its end, and its derivatives
-    by all that is given too."""
+    """The trajectory, with all that is real in it, but for when it ended, made nan where the motion did not reach its
+    end, and its derivatives by all that is given too."""
     status = jax.tree.map(_without_tangent, cast(Any, trajectory).status)
     nan = jnp.where(status.reached_end, 0, jnp.nan)
     spoil = sum(_spoil(nan.astype(leaf.dtype), leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf))
     spoilt = lambda leaf: (1 + nan).astype(leaf.dtype) * leaf + spoil
-    return jax.tree.map(lambda leaf: spoilt(leaf) if eqx.is_inexact_array(leaf) else leaf, trajectory)
+    all_spoilt = jax.tree.map(lambda leaf: spoilt(leaf) if eqx.is_inexact_array(leaf) else leaf, trajectory)
+    return eqx.tree_at(lambda motion: motion.end_time, all_spoilt, cast(Any, trajectory).end_time)
 
 
 @jax.custom_jvp
@@ -79,6 +80,19 @@ def _message(code) -> str:
     ended = "is whole, but in doubt" if status.reached_end else "did not reach its end"
     became = "could not begin" if status.at_start else ended
     return f"The motion {became} ({Status.names()[int(code)]}): {status.message}"
+
+
+def where_ended(status: Status, t1: Array, broken_off: Array) -> Array:
+    """When a motion ended: t1, or where it broke off. That instant is held fixed in derivatives."""
+    return jnp.where(status.reached_end, t1, lax.stop_gradient(broken_off))
+
+
+def end_told(motion: Any) -> str:
+    """When one motion that can be seen broke off; "" of another."""
+    ended, status = motion.end_time, motion.status
+    if isinstance(ended, jax.core.Tracer) or np.ndim(ended) > 0 or status.reached_end or status.at_start:
+        return ""
+    return f" It broke off at t = {float(ended):.9g}."
 
 
 def _steps_told(motion: Any) -> str:

@@ -13,8 +13,9 @@ from .adjoint.backward import pull_back
 from .adjoint.control import DerivativeControl
 from .adjoint.forward_sensitivity import ForwardPass, push_forward
 from .adjoint.methods import AbstractGradientMethod
+from .adjoint.segment_steps import recomputed_steps, recorded_steps
 from .adjoint.step import in_steps
-from .adjoint.steps_back import BackwardPass, recomputed_steps, recorded_steps
+from .adjoint.steps_back import BackwardPass
 from .flat_system import AbstractFlatSystem, Mode
 from .forward.record import Motion, empty_motion
 from .forward.sampling import past_coincidences, sample_states

@@ -25,6 +25,8 @@ class Reported(NamedTuple):
     """Modes that the events led to."""
     mode: Mode
     status: Status
+    end_time: Float[Array, ""]
+    """When the motion ended: t1, or where it broke off, which is held fixed."""
     accepted: Int[Array, ""]
     rejected: Int[Array, ""]
 
@@ -46,7 +48,7 @@ def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: i
     return Reported(
         Observables(motion.x, samples, states), jnp.where(happened, cut(events.guard), -1),
         cut(events.decision.kind), cut(events.decision.order_matters), count, cut(events.decision.mode),
-        motion.mode, motion.status, motion.steps.count, motion.rejected,
+        motion.mode, motion.status, motion.t, motion.steps.count, motion.rejected,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from .export.datasets import optional
 from .export.names import names_of
@@ -47,8 +48,8 @@ def _trajectory(dataset) -> Trajectory:
     samples = (array("time"), array("q"), array("v")) if "time" in dataset else (None, None, None)
     final = State(array("final_q"), array("final_v"))
     cost, mode, event_mode = (_tree(dataset, name, name) for name in ("cost", "scene_mode", "event_mode"))
-    events, status, steps = _events(dataset, event_mode), _status(dataset.attrs), _steps(dataset.attrs)
-    motion = Trajectory(*samples, final, cost, events, array("closed"), status, steps, mode)
+    events, ended = _events(dataset, event_mode), _how_it_ended(dataset)
+    motion = Trajectory(*samples, final, cost, events, array("closed"), *ended, mode)
     return motion.come_from(names_of(dataset), None)
 
 
@@ -62,7 +63,7 @@ def _solution(dataset) -> Solution:
         jnp.asarray(dataset.sizes["event"]), _names(dataset.attrs),
     )  # fmt: skip
     final, cost, mode = (_tree(dataset, *names) for names in (("x", "final"), ("cost", "cost"), ("mode", "mode")))
-    return Solution(ts, x, final, cost, events, mode, _status(dataset.attrs), _steps(dataset.attrs), None)
+    return Solution(ts, x, final, cost, events, mode, *_how_it_ended(dataset), None)
 
 
 def _names(attributes) -> tuple[str, ...] | None:
@@ -94,8 +95,10 @@ def _padded(dataset, rows, filling: float | int = 0):
     return jnp.asarray(np.concatenate([rows, np.full((room - len(rows), *rows.shape[1:]), filling, rows.dtype)]))
 
 
-def _steps(attributes) -> Steps:
-    return Steps(*(jnp.asarray(attributes[f"steps_{name}"]) for name in ("accepted", "rejected")))
+def _how_it_ended(dataset) -> tuple[Status, Array, Steps]:
+    end_time = jnp.asarray(dataset.attrs["end_time"], dataset["event_time"].dtype)
+    steps = Steps(*(jnp.asarray(dataset.attrs[f"steps_{name}"]) for name in ("accepted", "rejected")))
+    return _status(dataset.attrs), end_time, steps
 
 
 def _status(attributes) -> Status:

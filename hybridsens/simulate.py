@@ -30,7 +30,7 @@ from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Events, Trajectory
 from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .numerics.shapes import Shapes
-from .outcome import Steps, nan_unless_reached, raise_unless_successful
+from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended
 from .passes import Options, Problem
 from .reported import Reported
 from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
@@ -98,7 +98,7 @@ def simulate(
     - `throw`: raise if the motion does not reach t1; with False, look at `.status` (one each in a batch). A motion that
       broke off returns the state where it did, with the gradient of the state at that instant, held fixed: one that
       could not begin returns the initial state, whose gradient by the scene is 0, which an optimiser takes for a
-      stationary point. "nan" makes value and gradient of such a motion nan instead.
+      stationary point. "nan" makes value and gradient of such a motion nan instead. `.end_time` tells when it ended.
     - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
@@ -193,10 +193,10 @@ def _simulate(
     status = horizon_status(t0, t1, ts, settings, number(contacts.capture_speed))
     options = Options(mode, status, settings)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
-    return _trajectory(contacts, ts, reported, cost)
+    return _trajectory(contacts, t1, ts, reported, cost)
 
 
-def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) -> Trajectory:
+def _trajectory(system: MechanicalSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:
     final, samples, states = reported.observed
     status = reported.status.without_known_jumps(system.scene.known_discontinuities)
     happened = jnp.arange(states.time.shape[0]) < reported.count
@@ -211,8 +211,9 @@ def _trajectory(system: MechanicalSystem, ts, reported: Reported, cost: Shapes) 
     order_matters = happened & reported.order_matters
     events = Events(states.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes)
     sampled = (None, None) if samples is None else system.split(samples)[:2]
+    end_time = where_ended(status, t1, reported.end_time)
     return Trajectory(
-        ts, *sampled, State(q, v), cost.restore(z), events, closed, status,
+        ts, *sampled, State(q, v), cost.restore(z), events, closed, status, end_time,
         Steps(reported.accepted, reported.rejected), mode,
     )  # fmt: skip
 

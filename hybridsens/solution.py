@@ -16,7 +16,7 @@ from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.text import preformatted, rows_shown
 from .export.trees import as_text
 from .numerics.sample_times import must_lie_within, with_room
-from .outcome import Steps
+from .outcome import Steps, end_told
 from .status import Status
 
 
@@ -68,6 +68,8 @@ class Solution(eqx.Module):
     """Mode at the end."""
     status: Status
     """`Status.successful`, or what went wrong."""
+    end_time: Float[Array, "*batch"]
+    """When it ended: t1, or where it broke off, which derivatives hold fixed."""
     steps: Steps
     """How much work it took."""
     again: Any = eqx.field(repr=False)
@@ -129,7 +131,7 @@ class Solution(eqx.Module):
         return "\n".join([*self._head(), *_table(self.events), f"final: {as_text(self.final)}"])
 
     def _head(self):
-        yield f"status: {self.status}"
+        yield f"status: {self.status}{end_told(self)}"
         accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:

@@ -19,7 +19,7 @@ from .flattened import FlattenedSystem
 from .forward.solver import RunSettings
 from .located.system import located, own_mode, own_number
 from .numerics.shapes import Shapes
-from .outcome import Steps, nan_unless_reached, raise_unless_successful
+from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended
 from .passes import Options, Problem
 from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
@@ -194,4 +194,5 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     total = None if flat.running_cost is None else cost.restore(z)
     status = reported.status.without_known_jumps(flat.system.known_discontinuities)
     status = flat.status_at_end(t1, final, reported.mode, status)
-    return Solution(ts, samples, x, total, events, own_mode(reported.mode.given), status, steps, None)
+    end_time = where_ended(status, t1, reported.end_time)
+    return Solution(ts, samples, x, total, events, own_mode(reported.mode.given), status, end_time, steps, None)

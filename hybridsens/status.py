@@ -40,8 +40,8 @@ class Status(eqx.Module):
         "then each brings about the next, for ever."
     )
     max_steps_reached = outcome(
-        "the motion needed more steps than `max_steps`. Raise `max_steps`, loosen `rtol` and `atol`, or, if the "
-        "flow is stiff, use an implicit solver unless it is one already."
+        "the motion needed more steps than `max_steps`. Raise `max_steps`, loosen `rtol` and `atol`, lengthen "
+        "`max_step` if it is given, or, if the flow is stiff, use an implicit solver unless it is one already."
     )
     step_size_underflow = outcome(
         "the step size fell below the resolution of time. The flow may be stiff or singular near the last time "

@@ -56,7 +56,25 @@ class ForwardPass(NamedTuple):
     control: DerivativeControl
 
 
-class Place(NamedTuple):
+class Pushed(NamedTuple):
+    """Where the push-forward stands between two segments."""
+
+    dx: Float[Array, "state"]
+    dt: Float[Array, ""]
+    """Tangent of the time of the last event."""
+    steps: StepRecord
+    """The steps taken so far: the recorded ones, and those that they were cut into."""
+    ends: Int[Array, "event"]
+    """How many of them came before each event."""
+    tangent: MotionTangent
+    """As far as it has come."""
+    peak: Float[Array, ""]
+    """The largest size that dx had."""
+    tries: Int[Array, ""]
+    """Steps tried."""
+
+
+class ForwardPlace(NamedTuple):
     """Where the push-forward stands inside of a segment."""
 
     k: Int[Array, ""]
@@ -67,11 +85,9 @@ class Place(NamedTuple):
     width: Float[Array, ""]
     """Longest step to try; inf for as long as the recorded one."""
     steps: StepRecord
-    """The steps taken so far: the recorded ones, and those that they were cut into."""
     steps_x: Float[Array, "step state"]
     """Tangents of their states."""
     peak: Float[Array, ""]
-    """The largest size that dx had."""
     tries: Int[Array, ""]
 
 
@@ -81,14 +97,36 @@ def push_forward(forward: ForwardPass, motion: Motion, initial, t1, tangents) ->
     `initial` is (t0, x0). Inside a segment the grid stands still; its ends move with the events (T5).
     """
     dx0, dt0, dt1 = tangents
+    dt1 = where_reached(motion, dt1)
+    pushed = _start(forward, motion, initial, (dx0, dt0, dt1))
+
+    def one_segment(carry):
+        j, pushed = carry
+        return j + 1, _through_segment(forward, motion, j, initial[0], pushed)
+
+    goes_on = lambda carry: carry[0] <= motion.events.count
+    _, pushed = lax.while_loop(goes_on, one_segment, (jnp.array(0), pushed))
+    room = motion.steps.t.shape[0] - 2  # as `empty_steps` has it
+    resolved = (pushed.tries < forward.control.most_tries) & (pushed.steps.count <= room)
+    dx = jnp.where(resolved, pushed.dx, jnp.nan)
+    final = dx + forward.system.flow(t1, motion.x, motion.mode) * dt1
+    tangent, last = pushed.tangent, pushed.steps.count
+    tangent = tangent._replace(
+        final=final, steps_t=write(tangent.steps_t, dt1, last), steps_x=write(tangent.steps_x, final, last)
+    )
+    motion = eqx.tree_at(lambda m: (m.steps, m.events.steps), motion, (pushed.steps, pushed.ends))
+    return motion, tangent
+
+
+def _start(forward: ForwardPass, motion: Motion, initial, tangents) -> Pushed:
+    """The tangent of the beginning, which puts (t0, x0) on the constraints of the mode chosen there."""
+    (t0, x0), (dx0, dt0, dt1) = initial, tangents
     system, d_system = forward.system, forward.d_system
-    t0, x0 = initial
     events, steps = motion.events, motion.steps
     mode, _, _ = segment(motion, 0)
     begin = lambda system, t, x: system.project(t, x, mode)
     x0, dx0 = eqx.filter_jvp(begin, (system, t0, x0), (d_system, dt0, dx0))
     dx = dx0 - jnp.where(motion.t > t0, system.flow(t0, x0, mode) * dt0, 0)
-    dt1 = where_reached(motion, dt1)
     zeros = lambda tree: jax.tree.map(jnp.zeros_like, tree)
     tangent = MotionTangent(
         dt1, zeros(motion.x), zeros(events.states), zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0)
@@ -96,43 +134,36 @@ def push_forward(forward: ForwardPass, motion: Motion, initial, t1, tangents) ->
     taken = StepRecord(
         jnp.full_like(steps.t, jnp.inf).at[0].set(steps.t[0]), zeros(steps.x).at[0].set(steps.x[0]), jnp.array(0)
     )
-
-    def one_segment(carry):
-        j, dx, dt, taken, ends, tangent, peak, tries = carry
-        _, first, _ = segment(motion, j)
-        unlimited = jnp.full_like(t0, jnp.inf)
-        at = Place(first, steps.t[first], steps.x[first], dx, unlimited, taken, tangent.steps_x, peak, tries)
-        at = _through_steps(forward, motion, j, at)
-        tangent = tangent._replace(steps_x=at.steps_x)
-        # What is added is zero, and matters to a second derivative alone.
-        dx = at.dx + push_no_length(system, d_system, motion, j, t0, at.dx)
-        dx, dt, taken, tangent = _through_event(forward, motion, j, (dx, dt), at.steps, tangent)
-        ends = write(ends, jnp.where(j < events.count, taken.count, 0), jnp.minimum(j, ends.shape[0] - 1))
-        return j + 1, dx, dt, taken, ends, tangent, at.peak, at.tries
-
     peak = forward.control.of_direction(eqx.filter(system, eqx.is_inexact_array), d_system, x0, dx0).astype(t0.dtype)
-    carry = (jnp.array(0), dx, dt0, taken, zeros(events.steps), tangent, peak, jnp.array(0))
-    carry = lax.while_loop(lambda carry: carry[0] <= events.count, one_segment, carry)
-    _, dx, _, taken, ends, tangent, _, tries = carry
-    room = steps.t.shape[0] - 2  # as `empty_steps` has it
-    resolved = (tries < forward.control.most_tries) & (taken.count <= room)
-    dx = jnp.where(resolved, dx, jnp.nan)
-    final = dx + system.flow(t1, motion.x, motion.mode) * dt1
-    last = taken.count
-    tangent = tangent._replace(
-        final=final, steps_t=write(tangent.steps_t, dt1, last), steps_x=write(tangent.steps_x, final, last)
-    )
-    motion = eqx.tree_at(lambda m: (m.steps, m.events.steps), motion, (taken, ends))
-    return motion, tangent
+    return Pushed(dx, dt0, taken, zeros(events.steps), tangent, peak, jnp.array(0))
 
 
-def _through_steps(forward: ForwardPass, motion: Motion, j, start: Place) -> Place:
+def _through_segment(forward: ForwardPass, motion: Motion, j, t0, pushed: Pushed) -> Pushed:
+    """Through the steps of segment j, and the event that ends it."""
+    steps, tangent = motion.steps, pushed.tangent
+    _, first, _ = segment(motion, j)
+    unlimited = jnp.full_like(t0, jnp.inf)
+    at = ForwardPlace(
+        first, steps.t[first], steps.x[first], pushed.dx, unlimited, pushed.steps, tangent.steps_x, pushed.peak,
+        pushed.tries,
+    )  # fmt: skip
+    at = _through_steps(forward, motion, j, at)
+    # What is added is zero, and matters to a second derivative alone.
+    dx = at.dx + push_no_length(forward.system, forward.d_system, motion, j, t0, at.dx)
+    moves, tangent = (dx, pushed.dt), tangent._replace(steps_x=at.steps_x)
+    dx, dt, taken, tangent = _through_event(forward, motion, j, moves, at.steps, tangent)
+    here = jnp.minimum(j, pushed.ends.shape[0] - 1)
+    ends = write(pushed.ends, jnp.where(j < motion.events.count, taken.count, 0), here)
+    return Pushed(dx, dt, taken, ends, tangent, at.peak, at.tries)
+
+
+def _through_steps(forward: ForwardPass, motion: Motion, j, start: ForwardPlace) -> ForwardPlace:
     """Tangents through the steps of segment j: each recorded step at once, or in as many as they need."""
     control, record = forward.control, motion.steps
     mode, _, last = segment(motion, j)
     end = segment_end(motion, j)
 
-    def body(place: Place) -> Place:
+    def body(place: ForwardPlace) -> ForwardPlace:
         step_end = jnp.where(place.k + 1 < last, record.t[place.k + 1], end)
         reaches = step_end - place.t <= place.width
         t1 = jnp.where(reaches, step_end, place.t + control.cut(place.width))
@@ -143,7 +174,7 @@ def _through_steps(forward: ForwardPass, motion: Motion, j, start: Place) -> Pla
         in_one = accepted & reaches & (place.t == record.t[place.k])
         x1 = jnp.where(reaches & (place.k + 1 < last), record.x[place.k + 1], x1)
         if_accepted = lambda new, old: jnp.where(accepted, new, old)
-        return Place(
+        return ForwardPlace(
             k=jnp.where(accepted & reaches, place.k + 1, place.k),
             t=if_accepted(t1, place.t),
             x=if_accepted(x1, place.x),
@@ -158,7 +189,7 @@ def _through_steps(forward: ForwardPass, motion: Motion, j, start: Place) -> Pla
     return lax.while_loop(lambda place: (place.k < last) & (place.tries < control.most_tries), body, start)
 
 
-def _push_step(forward: ForwardPass, mode, place: Place, t1):
+def _push_step(forward: ForwardPass, mode, place: ForwardPlace, t1):
     """A step and its estimated error, and the tangents of both."""
 
     def vary(solver, pick):

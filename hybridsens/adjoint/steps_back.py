@@ -1,7 +1,5 @@
-"""The backward pass over the steps of one segment: as recorded, or run again; each as it was, or cut where psi or
-dJ/dtheta need shorter ones."""
+"""The backward pass over the steps of one segment: each as it was, or cut where psi or dJ/dtheta need shorter ones."""
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -12,60 +10,17 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..flat_system import AbstractFlatSystem, Mode
-from ..forward.record import Motion, StepRecord, empty_steps, segment, segment_end, segment_start
-from ..forward.segment import solve_segment
-from ..forward.solver import Stepper, one_step
+from ..flat_system import AbstractFlatSystem
+from ..forward.record import Motion
+from ..forward.solver import one_step
 from ..numerics.tolerances import time_resolution
 from ..observables import Observables
 from ..xla.once import computed_once
 from ..xla.packed import pack
 from .control import DerivativeControl, is_noise
 from .methods import AbstractGradientMethod
+from .segment_steps import SegmentSteps
 from .step import RecordedStep, StepBack
-
-
-class SegmentSteps(NamedTuple):
-    """The steps of one segment."""
-
-    mode: Mode
-    record: StepRecord
-    """Holds its steps, and perhaps others."""
-    first: Int[Array, ""]
-    last: Int[Array, ""]
-    """One past its last step."""
-    valid: Float[Array, ""]
-    """1, or nan where the steps are lost."""
-
-
-def recorded_steps(motion: Motion, j: Int[Array, ""]) -> SegmentSteps:
-    """Segment j of a motion whose steps were all recorded."""
-    mode, first, last = segment(motion, j)
-    return SegmentSteps(mode, motion.steps, first, last, jnp.ones_like(motion.t))
-
-
-def recomputed_steps(
-    system: AbstractFlatSystem, stepper: Stepper, start, t1, motion: Motion, j: Int[Array, ""]
-) -> SegmentSteps:
-    """Segment j, run again from where its event left it, on to its next event.
-
-    It takes the same steps but for rounding, by which another program differs: where a gap closes slowly, that may be
-    another time or one step more. A segment that ends elsewhere makes the gradient nan: a wrong one must not pass.
-    """
-    mode, first, _ = segment(motion, j)
-    events, previous = motion.events, jnp.maximum(j - 1, 0)
-    t = segment_start(motion, j, start[0])
-    x = jnp.where(j > 0, events.states.after[previous], start[1])
-    first_step = jnp.where(j > 0, events.first_step[previous], 0)
-    again = dataclasses.replace(
-        motion, t=t, x=x, mode=mode, steps=empty_steps(t, x, stepper.segment_steps), first_step=first_step,
-        rejected=jnp.array(0),
-    )  # fmt: skip
-    again, _ = solve_segment(system, stepper, t1, again)
-    end = segment_end(motion, j)
-    off = jnp.finfo(t.dtype).eps ** 0.5 * jnp.maximum(jnp.abs(end), jnp.abs(t1 - start[0]))
-    valid = jnp.where(jnp.abs(again.t - end) <= off, 1.0, jnp.nan).astype(t.dtype)
-    return SegmentSteps(mode, again.steps, jnp.zeros_like(first), again.steps.count, valid)
 
 
 class BackwardPass(NamedTuple):
@@ -116,7 +71,7 @@ class Costate(NamedTuple):
     """Steps tried."""
 
 
-class Place(NamedTuple):
+class BackwardPlace(NamedTuple):
     """Where the backward pass stands inside of a segment."""
 
     k: Int[Array, ""]
@@ -131,45 +86,80 @@ def through_steps(backward: BackwardPass, steps: SegmentSteps, end, costate: Cos
     """Adjoint of the steps of one segment, from its end: each recorded step at once, or in as many as are needed.
 
     A turn of the loop tries one step."""
-    control, record = backward.control, steps.record
 
     def body(carry):
         place, costate = carry
-        start = record.t[place.k]
-        left, is_data = _left_end(backward, start, place, costate.data)
-        reaches_start, h = (left == start) & ~is_data, place.right - left
-        x0 = _state_at(backward, steps.mode, reaches_start, start, left, record.x[place.k])
-        go = lambda: _carry_back(backward, steps.mode, left, place.right, x0, costate.psi)
-        step = computed_once(costate.tries >= 0, go)  # always true, which XLA cannot foresee
-        gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, step.total)
-        judge = lambda: _judge(backward, x0, costate._replace(gathered=gathered), step, h, place.width)
-        accepted, width, size, peak = computed_once(costate.tries >= 0, judge)
-        finest = h <= time_resolution(place.right, 2)  # cannot be cut: two data times may coincide
-        accepted = accepted | finest
-        total = jax.tree.map(jnp.add, costate.total, step.total)
-        psi, data = _add_data(backward, is_data, step.psi, costate.data)
-        worst = costate.worst
-        if step.total_error is not None:
-            counts = ~is_noise(size, peak)
-            larger = lambda known, new: jnp.maximum(known, (counts * jnp.abs(new)).astype(new.dtype))
-            worst = jax.tree.map(larger, worst, step.total_error)
-        moved = costate._replace(psi=psi, total=total, gathered=gathered, worst=worst, peak=peak, data=data)
-        costate = jax.tree.map(lambda new, old: jnp.where(accepted, new, old), moved, costate)
-        # Where a recorded step was taken in one piece, the next is tried in one piece too.
-        step_end = jnp.where(place.k + 1 < steps.last, record.t[place.k + 1], end)
-        in_one = accepted & reaches_start & (place.right == step_end)
-        width = jnp.where(in_one, jnp.inf, jnp.where(finest, place.width, width))
-        k = jnp.where(accepted & reaches_start, place.k - 1, place.k)
-        place = Place(k, jnp.where(accepted, left, place.right), width)
-        return place, costate._replace(tries=costate.tries + 1)
+        tried = _try_step(backward, steps, place, costate)
+        moved = _carried_on(backward, costate, tried)
+        costate = jax.tree.map(lambda new, old: jnp.where(tried.accepted, new, old), moved, costate)
+        return _next_place(steps, end, place, tried), costate._replace(tries=costate.tries + 1)
 
     def goes_on(carry):
         place, costate = carry
-        return (place.k >= steps.first) & (costate.tries < control.most_tries)
+        return (place.k >= steps.first) & (costate.tries < backward.control.most_tries)
 
     never = jnp.full_like(end, jnp.inf)
-    place = Place(steps.last - 1, end, never)
+    place = BackwardPlace(steps.last - 1, end, never)
     return lax.while_loop(goes_on, body, (place, costate))[1]
+
+
+class TriedStep(NamedTuple):
+    """A step back, and what is made of it."""
+
+    left: Float[Array, ""]
+    """Where it ends."""
+    is_data: Bool[Array, ""]
+    """Whether that is a data time."""
+    reaches_start: Bool[Array, ""]
+    """Whether that is the start of the recorded step."""
+    step: StepBack
+    accepted: Bool[Array, ""]
+    width: Float[Array, ""]
+    """Longest step to try next."""
+    size: Float[Array, ""]
+    """Of psi."""
+    costate: Costate
+    """Where the backward pass stood, with what the step adds gathered, and the largest size of psi."""
+
+
+def _try_step(backward: BackwardPass, steps: SegmentSteps, place: BackwardPlace, costate: Costate) -> TriedStep:
+    start = steps.record.t[place.k]
+    left, is_data = _left_end(backward, start, place, costate.data)
+    reaches_start, h = (left == start) & ~is_data, place.right - left
+    x0 = _state_at(backward, steps.mode, reaches_start, start, left, steps.record.x[place.k])
+    go = lambda: _carry_back(backward, steps.mode, left, place.right, x0, costate.psi)
+    step = computed_once(costate.tries >= 0, go)  # always true, which XLA cannot foresee
+    gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, step.total)
+    costate = costate._replace(gathered=gathered)
+    judge = lambda: _judge(backward, x0, costate, step, h, place.width)
+    accepted, width, size, peak = computed_once(costate.tries >= 0, judge)
+    finest = h <= time_resolution(place.right, 2)  # cannot be cut: two data times may coincide
+    width = jnp.where(finest, place.width, width)
+    return TriedStep(
+        left, is_data, reaches_start, step, accepted | finest, width, size, costate._replace(peak=peak)
+    )
+
+
+def _carried_on(backward: BackwardPass, costate: Costate, tried: TriedStep) -> Costate:
+    """The costate after a step that is accepted."""
+    step = tried.step
+    total = jax.tree.map(jnp.add, costate.total, step.total)
+    psi, data = _add_data(backward, tried.is_data, step.psi, costate.data)
+    worst = costate.worst
+    if step.total_error is not None:
+        counts = ~is_noise(tried.size, tried.costate.peak)
+        larger = lambda known, new: jnp.maximum(known, (counts * jnp.abs(new)).astype(new.dtype))
+        worst = jax.tree.map(larger, worst, step.total_error)
+    return tried.costate._replace(psi=psi, total=total, worst=worst, data=data)
+
+
+def _next_place(steps: SegmentSteps, end, place: BackwardPlace, tried: TriedStep) -> BackwardPlace:
+    """Where a recorded step was taken in one piece, the next is tried in one piece too."""
+    step_end = jnp.where(place.k + 1 < steps.last, steps.record.t[place.k + 1], end)
+    step_done = tried.accepted & tried.reaches_start
+    width = jnp.where(step_done & (place.right == step_end), jnp.inf, tried.width)
+    k = jnp.where(step_done, place.k - 1, place.k)
+    return BackwardPlace(k, jnp.where(tried.accepted, tried.left, place.right), width)
 
 
 def _state_at(backward: BackwardPass, mode, is_start, start, t, x):
@@ -187,7 +177,7 @@ def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
     return done._replace(total=pack(done.total), total_error=error)
 
 
-def _left_end(backward: BackwardPass, start, place: Place, data) -> tuple[Array, Bool[Array, ""]]:
+def _left_end(backward: BackwardPass, start, place: BackwardPlace, data) -> tuple[Array, Bool[Array, ""]]:
     """Where the step back ends, and whether that is a data time: there, at the recorded step's start, or as far as it
     may go. Parts are shorter than `width`, because the error estimate exaggerates the error of short steps.
 

@@ -1,5 +1,6 @@
 """`hybridsens sweep`: value and gradient of a ready-made scene over a grid or a random design of its parameters."""
 
+import math
 import os
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +20,13 @@ def _output(path: Path) -> Path:
     if path.suffix == ".nc":
         file_to_write(path)
     return path
+
+
+def _end(t1: float | None) -> float | None:
+    """The end of motions that start at 0: without a length no point of a sweep would have a value."""
+    if t1 is not None and not 0 < t1 < math.inf:
+        raise typer.BadParameter(f"must be later than 0, where the motions start, and finite, but is {t1:g}")
+    return t1
 
 
 _Vary = Annotated[list[str], typer.Option(help="NAME=LOW:HIGH:COUNT; a design other than a grid takes NAME=LOW:HIGH.")]
@@ -43,7 +51,9 @@ def sweep(
         Path | None,
         typer.Option(callback=picture_to_write, help="Picture of the maps to write (a grid of two parameters)."),
     ] = None,
-    t1: Annotated[float | None, typer.Option(help="End of the horizon. Default: the scene's own.")] = None,
+    t1: Annotated[
+        float | None, typer.Option(callback=_end, help="End of the horizon. Default: the scene's own.")
+    ] = None,
     tolerance: Annotated[float, typer.Option(help="Relative and absolute tolerance of the integration.")] = 1e-8,
     events: Annotated[int, typer.Option(help="How many of the first events of each point are written.")] = 8,
     max_events: Annotated[int, typer.Option(help="Room for events at each point.")] = 256,

@@ -30,6 +30,7 @@ def attributes(kind: str, motion: Any) -> dict[str, Any]:
         "hybridsens": kind,
         "status": motion.status.message or "successful",
         "status_code": int(motion.status.code),
+        "end_time": float(motion.end_time),
         "steps_accepted": int(motion.steps.accepted),
         "steps_rejected": int(motion.steps.rejected),
         "max_events": motion.events.time.shape[0],

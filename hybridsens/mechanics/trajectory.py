@@ -18,7 +18,7 @@ from ..export.text import paragraph, preformatted, table
 from ..export.trajectory import events_frame, motion_dataset, samples_frame
 from ..export.trees import as_text
 from ..numerics.sample_times import must_lie_within, with_room
-from ..outcome import Steps
+from ..outcome import Steps, end_told
 from ..status import Status
 from .event_table import event_rows, event_table, state_text
 from .scene import State
@@ -85,6 +85,8 @@ class Trajectory(eqx.Module):
     """Contacts held closed at the end."""
     status: Status
     """`Status.successful`, or what went wrong."""
+    end_time: Float[Array, "*batch"]
+    """When it ended [s]: t1, or where it broke off, which derivatives hold fixed."""
     steps: Steps
     """How much work it took."""
     scene_mode: Any = None
@@ -196,7 +198,7 @@ class Trajectory(eqx.Module):
 
     def _head(self):
         accepted, rejected = int(self.steps.accepted), int(self.steps.rejected)
-        yield f"status: {self.status}"
+        yield f"status: {self.status}{end_told(self)}"
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:
             yield f"cost: {as_text(self.cost)}"

@@ -136,6 +136,7 @@ def _not_reached(*given, **named):
         ([*SWEEP, "--output", "no/x.nc"], "--output': must lie in a folder that exists"),
         ([*SWEEP, "--output", "x.nc", "--plot", "no/x.png"], "--plot': must lie in a folder that exists"),
         ([*SWEEP, "--output", "x.nc", "--plot", "x.png"], "--plot must have a grid of two parameters"),
+        ([*SWEEP, "--output", "x.nc", "--t1", "-1"], "--t1': must be later than 0, where the motions start"),
         ([*SWEEP, "--output", "x.nc", "--vary", "mass=3:4:2"], "--vary must have each name once, but has 'mass' in"),
         (["demo", "--colour", "red"], "--colour"),
         (["dance"], "dance"),

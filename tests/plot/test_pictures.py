@@ -112,7 +112,7 @@ def _switched_once(mode):
     rest = jnp.zeros(1)
     events = SolutionEvents(jnp.ones(1), jnp.zeros(1, int), rest, rest, later, jnp.array(1))
     steps = Steps(jnp.array(1), jnp.array(0))
-    return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, hs.Status.successful, steps, again)
+    return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, hs.Status.successful, ts[-1], steps, again)
 
 
 def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):

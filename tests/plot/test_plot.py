@@ -25,8 +25,9 @@ def _lifted_ball(ts) -> Trajectory:
     steps = Steps(jnp.array(10), jnp.array(0))
     q, v = (flight**2)[:, None], (2 * flight)[:, None]
     return Trajectory(
-        jnp.asarray(ts), q, v, State(q[-1], v[-1]), None, events, jnp.array([False]), Status.successful, steps
-    )
+        jnp.asarray(ts), q, v, State(q[-1], v[-1]), None, events, jnp.array([False]), Status.successful,
+        jnp.asarray(ts[-1]), steps,
+    )  # fmt: skip
 
 
 def test_a_contact_is_drawn_closed_until_its_release():
