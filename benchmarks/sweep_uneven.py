@@ -54,11 +54,11 @@ def main() -> None:
     points = parser.parse_args().points
     given = columns(points)
     program = Program(cost, Ball(g=9.81, e=1.0), Wanted(("q0", "v0", "g", "e"), 0, False))
-    engine, in_step = (Engine(program, points, jax.devices()[:1], mapped) for mapped in (True, False))
+    engine, lockstep = (Engine(program, points, jax.devices()[:1], mapped) for mapped in (True, False))
     results = engine.run(given)
-    np.testing.assert_allclose(in_step.run(given)["dJ_dg"], results["dJ_dg"], rtol=1e-6)
+    np.testing.assert_allclose(lockstep.run(given)["dJ_dg"], results["dJ_dg"], rtol=1e-6)
     together = seconds(lambda: engine.run(given))
-    waiting = seconds(lambda: in_step.run(given))
+    waiting = seconds(lambda: lockstep.run(given))
     copies = [{"q0": np.full(points, height)} for height in given["q0"]]
     own = sum(seconds(lambda same=same: engine.run(same)) for same in copies) / points
     counts = results["event_count"]

@@ -25,7 +25,7 @@ from .xla.tracing import TracedOnce
 
 
 class Record(NamedTuple):
-    """What a derivative needs of a motion. Zeros stand in the place of what was not kept, as of a motion not begun."""
+    """What a derivative needs of a motion. One of the two is kept; the other is all zeros, so its `begun` is False."""
 
     short: Motion
     """Of an element of a batch: the first rows."""
@@ -142,9 +142,10 @@ def _backward(
 
 
 def _from_record(function: Callable, asked: tuple, record: Record, given: Any, directions: bool = False) -> Any:
-    """function(*asked, motion, given), also in batches, where `given` are cotangents or tangents: of the motion that a
-    record stands for, or, where it was not kept, that runs again. With `directions` an axis that `given` alone has runs
-    together: the directions of a Jacobian share their steps."""
+    """function(*asked, motion, given), also under `jax.vmap`, where `given` are cotangents or tangents.
+
+    The motion is that of the record, or runs again where the record was not kept. With `directions`, an axis that
+    `given` alone has, as of the columns of a Jacobian, runs in step: all directions share the steps of the motion."""
     dynamic, static = eqx.partition(asked, eqx.is_array)
 
     def of(motion, dynamic, given):

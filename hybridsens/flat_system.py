@@ -38,9 +38,9 @@ class Decision(eqx.Module):
     first_step_bound: Float[Array, ""] | float = float("inf")
     """Upper bound of the first step after the event, so that a short bounce is not skipped."""
     at_once: Bool[Array, ""] | bool = False
-    """Whether the event before put the guard below zero: then this one comes whenever that one comes."""
+    """Whether the event before caused this one, by putting its guard below zero: they share their time."""
     silent: Bool[Array, ""] | bool = False
-    """Whether nothing happens: a guard is watched again. Such an event is not reported."""
+    """Whether a guard has risen above 0, and is watched again: nothing else happens, and nothing is reported."""
     order_matters: Bool[Array, ""] | bool = False
     """Whether guards met at one instant, and another order would have another outcome: derivatives are one-sided."""
 

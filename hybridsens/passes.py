@@ -14,7 +14,7 @@ from .adjoint.control import DerivativeControl
 from .adjoint.forward_sensitivity import ForwardPass, push_forward
 from .adjoint.methods import AbstractGradientMethod
 from .adjoint.segment_steps import recomputed_steps, recorded_steps
-from .adjoint.step import in_steps
+from .adjoint.step import step_parameter_mask
 from .adjoint.steps_back import BackwardPass
 from .flat_system import AbstractFlatSystem, Mode
 from .forward.record import Motion, empty_motion
@@ -91,8 +91,8 @@ def _flow_size(problem: Problem, options: Options) -> FlowSize:
 
 
 def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: Problem) -> Observables:
-    """Tangent of what is observed of a motion (T6). It may take shorter steps than the motion, which stays as it is
-    without a tangent: `jax.linearize` asks for that."""
+    """Tangent of what is observed of a motion (T6). It may take shorter steps than the motion; the values stay those of
+    the motion, as `jax.linearize` asks."""
 
     def observed(problem):
         followed = _follow(problem, options, motion)
@@ -103,8 +103,8 @@ def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: 
 
 @eqx.filter_custom_jvp
 def _follow(problem: Problem, options: Options, motion: Motion) -> Motion:
-    """The motion itself. Differentiated forward, it is one with the steps that its tangent takes, and has that tangent:
-    so what is made from the motion by plain JAX gets the right derivative by the problem."""
+    """The motion itself, with a derivative by the problem: that of `push_forward`, on the steps that its tangent takes.
+    So what plain JAX makes of the motion is differentiated correctly."""
     del problem, options
     return batch_in_front(motion)
 
@@ -152,12 +152,12 @@ def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, 
     by_rows = Observables(final, samples, in_rows_recorded(motion, settings.max_events, cotangent.events))
     controlled = settings.derivative_rtol != math.inf
     control = _control(settings, replay)
-    inside = in_steps(system, options.mode, problem.t1, motion.x)
+    mask = step_parameter_mask(system, options.mode, problem.t1, motion.x)
     find_steps = recorded_steps
     if settings.segment_steps is not None:
         stepper = settings.stepper(_flow_size(problem, options))
         find_steps = partial(recomputed_steps, system, stepper, (problem.t0, problem.x0), problem.t1)
-    return BackwardPass(system, inside, adjoint, replay, controlled, control, by_rows, ts, find_steps)
+    return BackwardPass(system, mask, adjoint, replay, controlled, control, by_rows, ts, find_steps)
 
 
 def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):
@@ -169,8 +169,8 @@ def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):
 def _control(settings: RunSettings, solver) -> DerivativeControl:
     """What a derivative may be off by in a step.
 
-    Ordinary steps leave about a hundred times the motion's tolerance by the embedded estimate, which is of lower order
-    than they are. At rough tolerances the estimate is no longer as pessimistic."""
+    The embedded estimate is of lower order than the step: where a step just meets `rtol`, the estimate for its
+    derivative is some 100 times that. At rough tolerances it is less, hence the cap."""
     rtol = settings.derivative_rtol
     if rtol is None:
         rtol = jnp.minimum(100 * settings.rtol, jnp.maximum(1e-5, settings.rtol))

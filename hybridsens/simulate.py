@@ -1,4 +1,4 @@
-"""The front door: a scene and a state in, the motion out, ready to be differentiated."""
+"""The entry point: a scene and a state in, the motion out, ready to be differentiated."""
 
 import dataclasses
 import functools
@@ -95,8 +95,9 @@ def simulate(
       impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
       `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
-    - `throw`: raise if the motion does not reach t1; with False, look at `.status` (one each in a batch). A motion that
-      broke off returns the state where it did, with the gradient of the state at that instant, held fixed: one that
+    - `throw`: raise unless the motion is successful: also where it reaches t1 but its derivatives are not to be trusted
+      (`grazing`, `guard_jumps`); with False, look at `.status` (one each in a batch). A motion that broke off returns
+      the state where it did, with the gradient of the state at that instant, held fixed: one that
       could not begin returns the initial state, whose gradient by the scene is 0, which an optimiser takes for a
       stationary point. "nan" makes value and gradient of such a motion nan instead. `.end_time` tells when it ended.
     - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
@@ -140,8 +141,8 @@ def simulate(
     # Numbers that the system holds and no derivative is taken by.
     fixed = lambda x: x if isinstance(x, float) else Fixed.of(x, state.q.dtype)
     depth = fixed(rtol), fixed(atol)
-    contacts = MechanicalSystem(scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts)
-    system = contacts if switching is None else SwitchedSystem(contacts, *switching, mode)
+    mechanics = MechanicalSystem(scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts)
+    system = mechanics if switching is None else SwitchedSystem(mechanics, *switching, mode)
     if not adjoint.forward_mode:
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
     with waiting("compiling and simulating", progress):
@@ -177,39 +178,41 @@ def _prepared(scene: AbstractScene, running_cost, t0, state: State, mode):
 def _simulate(
     system: MechanicalSystem | SwitchedSystem, state: State, t0, t1, ts, settings: RunSettings, adjoint
 ) -> Trajectory:
-    contacts = system.contacts if isinstance(system, SwitchedSystem) else system
+    mechanics = system.mechanics if isinstance(system, SwitchedSystem) else system
     if settings.max_step is None:
         system.warn_of_sampled(t0, jnp.concatenate([state.q, state.v]))
-    declared = contacts.jump_ts is not None
-    warn_of_discontinuities(contacts.scene, t0, state.q, state.v, contacts.running_cost, declared)
+    declared = mechanics.jump_ts is not None
+    warn_of_discontinuities(mechanics.scene, t0, state.q, state.v, mechanics.running_cost, declared)
     if isinstance(system, SwitchedSystem):
-        warn_of_switch(system.rules, contacts.scene, t0, state.q, state.v, system.first_mode)
-    scene = with_known_mass(condensed(contacts.scene, t0, state.q, state.v), state.q)
-    contacts = dataclasses.replace(contacts, scene=scene)
-    cost = Shapes.of(jax.eval_shape(lambda: contacts.cost_rate(t0, state.q, state.v)))
+        warn_of_switch(system.rules, mechanics.scene, t0, state.q, state.v, system.first_mode)
+    scene = with_known_mass(condensed(mechanics.scene, t0, state.q, state.v), state.q)
+    mechanics = dataclasses.replace(mechanics, scene=scene)
+    cost = Shapes.of(jax.eval_shape(lambda: mechanics.cost_rate(t0, state.q, state.v)))
     x0 = jnp.concatenate([state.q, state.v, jnp.zeros(cost.size, state.q.dtype)])
-    mode = open_mode(jax.eval_shape(contacts.scene.gap, t0, state.q).shape[0], state.q.dtype)
-    system, mode = system.begin(contacts, mode, x0) if isinstance(system, SwitchedSystem) else (contacts, mode)
-    status = horizon_status(t0, t1, ts, settings, number(contacts.capture_speed))
+    mode = open_mode(jax.eval_shape(mechanics.scene.gap, t0, state.q).shape[0], state.q.dtype)
+    system, mode = system.begin(mechanics, mode, x0) if isinstance(system, SwitchedSystem) else (mechanics, mode)
+    status = horizon_status(t0, t1, ts, settings, number(mechanics.capture_speed))
     options = Options(mode, status, settings)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
-    return _trajectory(contacts, t1, ts, reported, cost)
+    return _trajectory(mechanics, t1, ts, reported, cost)
 
 
 def _trajectory(system: MechanicalSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:
     final, samples, states = reported.observed
     status = reported.status.without_known_jumps(system.scene.known_discontinuities)
     happened = jnp.arange(states.time.shape[0]) < reported.count
-    who, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
+    contact, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
     if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves
-        who = jnp.where(happened & (reported.kind == EventKind.SWITCH), who - closed.shape[0], who)
+        contact = jnp.where(happened & (reported.kind == EventKind.SWITCH), contact - closed.shape[0], contact)
         modes = own_mode(reported.mode_after.own)
     q, v, z = system.split(final)
     before, after = (State(*system.split(x)[:2]) for x in (states.before, states.after))
     kind = jnp.where(happened, reported.kind, -1)
     impulse, closing_speed = states.emitted
     order_matters = happened & reported.order_matters
-    events = Events(states.time, kind, who, before, after, impulse, closing_speed, order_matters, reported.count, modes)
+    events = Events(
+        states.time, kind, contact, before, after, impulse, closing_speed, order_matters, reported.count, modes
+    )
     sampled = (None, None) if samples is None else system.split(samples)[:2]
     end_time = where_ended(status, t1, reported.end_time)
     return Trajectory(

@@ -78,8 +78,8 @@ def solve(
       made by an operation without known bounds (a table, a loop, a special function) is sampled instead, at 16 places
       of a step or more, and a warning says so: for such a one give the time that its shortest dip lasts.
     - `adjoint`: `Replay()` (default) or another gradient method, as for `simulate`.
-    - `throw`: raise if the motion does not reach t1; with False, look at `.status`; "nan" makes value and gradient of
-      such a motion nan.
+    - `throw`: raise unless the motion is successful; with False, look at `.status`; "nan" makes value and gradient of a
+      motion that does not reach t1 nan.
     - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
 
     Raises: ValueError or TypeError for what does not fit (structures, shapes, types), and for a derivative in a mode
@@ -148,7 +148,7 @@ class Call(eqx.Module):
         return solve(**self._given(), ts=ts)
 
     def __reduce__(self):
-        """As what was given: a structure of Equinox's modules that was pickled makes no module."""
+        """Pickled as what was given: a PyTree structure that was pickled cannot make Equinox's modules again."""
         return Call.of, (self._given(),)
 
     def horizon(self) -> tuple[Array, Array]:
@@ -186,9 +186,9 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     final, samples, states = reported.observed
     x, z = flat.split(final)
     before, after = (flat.split(side)[0] for side in (states.before, states.after))
-    who = own_number(reported.guard, flat.system, flat.guard_count, flat.scheduled_count or 0)
+    which = own_number(reported.guard, flat.system, flat.guard_count, flat.scheduled_count or 0)
     modes = own_mode(reported.mode_after.given)
-    events = SolutionEvents(states.time, who, before, after, modes, reported.count)
+    events = SolutionEvents(states.time, which, before, after, modes, reported.count)
     samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
     total = None if flat.running_cost is None else cost.restore(z)

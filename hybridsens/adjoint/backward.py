@@ -14,7 +14,7 @@ from ..xla.packed import pack
 from .control import FORESEEN
 from .jump import Jump, pull_jump_back
 from .no_length import pull_no_length
-from .steps_back import BackwardPass, Costate, through_steps
+from .steps_back import BackwardPass, BackwardState, through_steps
 
 
 def pull_back(
@@ -25,6 +25,9 @@ def pull_back(
     Between events psi is carried back over the recorded steps, psi' = -f_x^T psi, at data times psi- = psi+ + c_x
     (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `initial` is (t0, x0); `perturbed_ends`
     says whether t0 and t1 are differentiated by.
+
+    A sweep goes back through all segments. If the error of some step is then too large for the dJ/dtheta just found, a
+    second sweep, which cuts such steps, takes its place. Both share `most_tries`; out of tries, all is nan.
     """
     system = backward.system
     t0_perturbed, t1_perturbed = perturbed_ends
@@ -32,69 +35,68 @@ def pull_back(
     no_gradient = _zeros(eqx.filter(system, eqx.is_inexact_array))
 
     def one_segment(carry):
-        j, costate, by_events = carry
-        costate = _through_segment(backward, motion, j, initial[0], costate)
-        go = lambda: _through_event(backward, recorded_event(motion, j - 1), j - 1, costate, by_events)
-        return j - 1, *lax.cond(j > 0, go, lambda: (costate, by_events))
+        j, at, by_events = carry
+        at = _through_segment(backward, motion, j, initial[0], at)
+        go = lambda: _through_event(backward, recorded_event(motion, j - 1), j - 1, at, by_events)
+        return j - 1, *lax.cond(j > 0, go, lambda: (at, by_events))
 
     def sweep(carry):
-        number, costate, _ = carry
-        foreseen = jax.tree.map(lambda gathered: (FORESEEN * gathered).astype(gathered.dtype), costate.gathered)
-        at_end = start._replace(foreseen=foreseen, strict=number > 0, tries=costate.tries)
+        number, at, _ = carry
+        least_scale = jax.tree.map(lambda gathered: (FORESEEN * gathered).astype(gathered.dtype), at.gathered)
+        at_end = start._replace(least_scale=least_scale, judges_gradient=number > 0, tries=at.tries)
         begin = motion.events.count, at_end, no_gradient
-        _, costate, by_events = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, begin)
-        return number + 1, costate, by_events
+        _, at, by_events = lax.while_loop(lambda carry: carry[0] >= 0, one_segment, begin)
+        return number + 1, at, by_events
 
     def goes_on(carry):
-        # The error allowed to a step is relative to dJ/dtheta, whose size is known after a sweep. If the error of some
-        # step was too large for it, a second sweep cuts that step.
-        number, costate, _ = carry
-        gathered, worst = costate.gathered.unpack(), costate.worst.unpack()
-        unresolved = backward.control.of_gradient(backward.step_parameters, gathered, worst, costate.peak) > 1
+        # The error allowed to a step is relative to dJ/dtheta, whose size is known after a sweep.
+        number, at, _ = carry
+        gathered, worst = at.gathered.unpack(), at.worst.unpack()
+        unresolved = backward.control.of_gradient(backward.step_parameters, gathered, worst, at.peak) > 1
         return (number == 0) | ((number == 1) & unresolved)
 
-    _, costate, by_events = lax.while_loop(goes_on, sweep, (jnp.array(0), start, no_gradient))
+    _, at, by_events = lax.while_loop(goes_on, sweep, (jnp.array(0), start, no_gradient))
     # Out of tries the gradient is not finished: a wrong one must not pass.
-    nan_if_unfinished = jnp.where(costate.tries < backward.control.most_tries, 0, jnp.nan)
+    nan_if_unfinished = jnp.where(at.tries < backward.control.most_tries, 0, jnp.nan)
     or_nan = lambda tree: jax.tree.map(lambda leaf: leaf + nan_if_unfinished.astype(leaf.dtype), tree)
-    total = _added(or_nan(by_events).unpack(), or_nan(costate.total).unpack())
-    total, psi, by_t0 = _through_start(backward, motion, initial, total, or_nan(costate.psi), t0_perturbed)
+    total = _added(or_nan(by_events).unpack(), or_nan(at.total).unpack())
+    total, psi, by_t0 = _through_start(backward, motion, initial, total, or_nan(at.psi), t0_perturbed)
     by_t1 = jnp.zeros_like(t1)
     if t1_perturbed:
         by_t1 = where_reached(motion, backward.cotangent.final @ system.flow(t1, motion.x, motion.mode))
     return total, psi, by_t0, by_t1
 
 
-def _through_segment(backward: BackwardPass, motion: Motion, j, t0, costate: Costate) -> Costate:
+def _through_segment(backward: BackwardPass, motion: Motion, j, t0, at: BackwardState) -> BackwardState:
     """Adjoint of segment j, which lies between events j - 1 and j."""
     steps = backward.find_steps(motion, j)
-    costate = costate._replace(psi=steps.valid * costate.psi)  # nan where it was run again and came back different
-    costate = through_steps(backward, steps, segment_end(motion, j), costate)
+    at = at._replace(psi=steps.valid * at.psi)  # nan where it was run again and came back different
+    at = through_steps(backward, steps, segment_end(motion, j), at)
     # Zeros, which matter to a second derivative alone.
-    by_parameters, by_state = pull_no_length(backward.system, backward.in_steps, motion, j, t0, costate.psi)
-    total = jax.tree.map(jnp.add, costate.total, pack(by_parameters))
-    return costate._replace(psi=costate.psi + by_state, total=total)
+    by_parameters, by_state = pull_no_length(backward.system, backward.step_parameter_mask, motion, j, t0, at.psi)
+    total = jax.tree.map(jnp.add, at.total, pack(by_parameters))
+    return at._replace(psi=at.psi + by_state, total=total)
 
 
 def _zeros(tree: Any):
     return pack(jax.tree.map(jnp.zeros_like, tree))
 
 
-def _costate_at_end(backward: BackwardPass, motion: Motion) -> Costate:
+def _costate_at_end(backward: BackwardPass, motion: Motion) -> BackwardState:
     """psi = J_x of the final state; nothing gathered yet.
 
-    Samples that are the final state are met by the first step back, as all others are. An event at the very end leaves
+    Samples that are the final state are met by the first step at, as all others are. An event at the very end leaves
     no step after it: there they are added here."""
-    psi, data = backward.cotangent.final, jnp.array(0)
+    psi, samples_left = backward.cotangent.final, jnp.array(0)
     if backward.ts is not None and backward.cotangent.samples is not None:
         _, first, last = segment(motion, motion.events.count)
         at_end = (first == last) & (backward.ts == motion.t)
         psi = psi + jnp.sum(jnp.where(at_end[:, None], backward.cotangent.samples, 0), axis=0)
-        data = jnp.sum((backward.ts <= motion.t) & ~at_end)
+        samples_left = jnp.sum((backward.ts <= motion.t) & ~at_end)
     zero, zero_time = _zeros(backward.step_parameters), jnp.zeros_like(motion.t)
-    return Costate(
+    return BackwardState(
         psi=psi, by_dt=zero_time, total=zero, gathered=zero, worst=zero, peak=zero_time,
-        foreseen=zero, strict=jnp.array(False), data=data, tries=jnp.array(0),
+        least_scale=zero, judges_gradient=jnp.array(False), samples_left=samples_left, tries=jnp.array(0),
     )  # fmt: skip
 
 
@@ -122,12 +124,12 @@ def _through_start(backward: BackwardPass, motion: Motion, initial, total, psi, 
     return total, psi, by_t0
 
 
-def _through_event(backward: BackwardPass, event: Event, j, costate: Costate, by_events):
+def _through_event(backward: BackwardPass, event: Event, j, at: BackwardState, by_events):
     """Adjoint jump at event j: psi- = S^T psi+, with what is reported of the event (T8)-(T10)."""
     reported = filled(event.states, jax.tree.map(lambda rows: rows[j], backward.cotangent.events))
-    total, psi, by_dt = pull_jump_back(backward.system, event, Jump(costate.psi, reported), costate.by_dt)
+    total, psi, by_dt = pull_jump_back(backward.system, event, Jump(at.psi, reported), at.by_dt)
     # The error of a step is measured against what events add to the same parameters too.
-    shared = pack(eqx.filter(total, backward.in_steps))
-    gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, shared)
+    shared = pack(eqx.filter(total, backward.step_parameter_mask))
+    gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), at.gathered, shared)
     by_events = jax.tree.map(jnp.add, by_events, pack(total))
-    return costate._replace(psi=psi, by_dt=by_dt, gathered=gathered), by_events
+    return at._replace(psi=psi, by_dt=by_dt, gathered=gathered), by_events

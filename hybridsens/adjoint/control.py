@@ -20,18 +20,18 @@ from jax import lax
 from jaxtyping import Array, Float
 
 FLOOR = 1e-2
-"""An entry is resolved relative to itself, down to this part of the largest effect."""
+"""Each entry is resolved relative to itself, but to no less than this part of the largest entry."""
 REFINED = 0.05
-"""A step that must be cut is cut so short that its error is this part of what is allowed: the embedded estimate, of
-lower order, exaggerates the error of short steps and not that of long ones."""
+"""A step that must be cut is made so short that its predicted error is this part of the allowed one. The embedded
+estimate is of lower order than the step, so it overestimates the error of short steps."""
 NOISE = 1e3
-"""What is smaller than so many roundings of the largest that it was is rounding."""
+"""A derivative that is smaller than NOISE eps times its largest size so far is rounding."""
 ROUNDED = 8
-"""An error of so many roundings is none."""
+"""An estimated error below ROUNDED eps times that size is rounding, and is ignored."""
 FORESEEN = 0.01
-"""What part of the first sweep's dJ/dtheta counts as gathered when the second one begins."""
+"""The second sweep measures errors by no less than this part of what the first one has gathered."""
 PART = 0.1
-"""What part of the allowed error the gradient's own quadrature may have: its terms may cancel in the sum."""
+"""What a step adds to dJ/dtheta may be wrong by this part of `rtol`: what the steps add may cancel in the sum."""
 
 
 class DerivativeControl(eqx.Module):
@@ -103,7 +103,7 @@ class DerivativeControl(eqx.Module):
         return accepted, lax.cond(stays_unlimited, lambda: width, longest)
 
     def cut(self, width):
-        """How long the parts are into which a step is cut that is longer than `width`."""
+        """Length of the parts into which a step longer than `width` is cut."""
         return width * REFINED ** (1 / self.order)
 
 

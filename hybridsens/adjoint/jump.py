@@ -37,9 +37,9 @@ class Jump(NamedTuple):
 
 def flows_at(system: AbstractFlatSystem, event: Event) -> Flows:
     """Flows on both sides, held constant while the jump is differentiated."""
-    t, timed = event.states.time, is_jump(event.guard)
-    before = (jnp.where(timed, before_jump(t), t), event.states.before, event.mode)
-    after = (jnp.where(timed, after_jump(t), t), event.states.after, event.decision.mode)
+    t, at_jump_time = event.states.time, is_jump(event.guard)
+    before = (jnp.where(at_jump_time, before_jump(t), t), event.states.before, event.mode)
+    after = (jnp.where(at_jump_time, after_jump(t), t), event.states.after, event.decision.mode)
     sides = jax.tree.map(lambda *side: jnp.stack(side), before, after)
     return Flows(*lax.map(lambda side: system.flow(*side), sides))  # one copy of the flow to compile
 
@@ -53,10 +53,10 @@ def jump(system: AbstractFlatSystem, event: Event, flows: Flows, before: Float[A
     at_guard = before + flows.before * dt
     after, emitted = system.reset(event.decision, t, at_guard)
     if system.jump_times() is not None:
-        timed = is_jump(event.guard)
+        at_jump_time = is_jump(event.guard)
         # Of any other event this is not used, and must be finite: so it stays in the mode before.
-        beyond = jax.tree.map(lambda old, new: jnp.where(timed, new, old), event.mode, event.decision.mode)
-        after = jnp.where(timed, past_jump(system, t, at_guard, (event.mode, beyond)), after)
+        beyond = jax.tree.map(lambda old, new: jnp.where(at_jump_time, new, old), event.mode, event.decision.mode)
+        after = jnp.where(at_jump_time, past_jump(system, t, at_guard, (event.mode, beyond)), after)
     return Jump(after - flows.after * dt, EventStates(t, at_guard, after, emitted))
 
 
@@ -82,13 +82,13 @@ def _tangent(function, primals, tangents):
 
 
 class PulledJump(NamedTuple):
-    """What becomes of cotangents before an event."""
+    """Cotangents just before an event."""
 
     total: Any
     """What it adds to dJ/dtheta."""
     psi: Float[Array, "state"]
     by_dt: Float[Array, ""]
-    """Derivative by the time of the event before, of an event that comes at once; else 0."""
+    """Of an event that came at once: the derivative by its time, which is that of the event that caused it; else 0."""
 
 
 def pull_jump_back(

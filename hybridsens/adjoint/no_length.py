@@ -65,13 +65,13 @@ def push_no_length(system: AbstractFlatSystem, d_system, motion: Motion, j, t0, 
     return jnp.where(is_empty, _in_no_time(rate, start, end, system, d_system, end, x, mode, dx), 0)
 
 
-def pull_no_length(system: AbstractFlatSystem, in_steps, motion: Motion, j, t0, psi) -> tuple[Any, Array]:
+def pull_no_length(system: AbstractFlatSystem, step_parameter_mask, motion: Motion, j, t0, psi) -> tuple[Any, Array]:
     """What a segment of no length adds to dJ/dtheta and to a costate: (t1 - t0) f_theta^T psi and (t1 - t0) f_x^T psi.
     """
     is_empty, (start, end), x, mode = without_length(motion, j, t0)
 
     def rate(system, t, x, mode, psi):
-        parameters, static = eqx.partition(system, in_steps)
+        parameters, static = eqx.partition(system, step_parameter_mask)
         flow = lambda parameters, x: eqx.combine(parameters, static).flow(t, x, mode)
         return jax.vjp(flow, parameters, x)[1](psi)
 

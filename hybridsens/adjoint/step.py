@@ -62,7 +62,7 @@ class StepBack(NamedTuple):
     """Estimated error of `psi`; None as above."""
 
 
-def in_steps(system: AbstractFlatSystem, mode: Mode, t, x) -> Any:
+def step_parameter_mask(system: AbstractFlatSystem, mode: Mode, t, x) -> Any:
     """For each leaf of a system whether it is a floating point array that its flow or its projection depends on.
 
     Told from their traces. What stands in a loop or a branch counts if anything inside needs it; nothing that does

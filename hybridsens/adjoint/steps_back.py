@@ -27,7 +27,7 @@ class BackwardPass(NamedTuple):
     """What the backward pass is made from; constant while it runs."""
 
     system: AbstractFlatSystem
-    in_steps: Any
+    step_parameter_mask: Any
     """Which of its leaves are parameters that a step depends on."""
     adjoint: AbstractGradientMethod
     solver: diffrax.AbstractSolver
@@ -44,29 +44,30 @@ class BackwardPass(NamedTuple):
     @property
     def step_parameters(self) -> Any:
         """theta, as far as a step depends on it."""
-        return eqx.filter(self.system, self.in_steps)
+        return eqx.filter(self.system, self.step_parameter_mask)
 
 
-class Costate(NamedTuple):
-    """Where the backward pass stands."""
+class BackwardState(NamedTuple):
+    """Where a sweep stands: the at, the sums for dJ/dtheta, and what the error control remembers."""
 
     psi: Float[Array, "state"]
+    """The costate itself."""
     by_dt: Float[Array, ""]
-    """Derivative by the time of an event, which one that came at once hands on to the event before."""
+    """Derivative by the time of an event that came at once, for the event that caused it."""
     total: Any
     """What the steps have added to dJ/dtheta, packed."""
     gathered: Any
-    """Sum of the sizes of all that steps and events have added: the scale that errors are compared with."""
+    """Sum of the absolute values of all that steps and events have added: errors are measured by it."""
     worst: Any
     """Largest error of any step in `total`."""
     peak: Float[Array, ""]
     """The largest size that psi had."""
-    foreseen: Any
-    """Least scale of what is gathered, from the sweep before."""
-    strict: Array
+    least_scale: Any
+    """Errors are measured by no less than this: `FORESEEN` times what the first sweep gathered; 0 in the first."""
+    judges_gradient: Array
     """Whether a step is also judged by what it adds to dJ/dtheta: in the second sweep."""
-    data: Int[Array, ""]
-    """How many data times lie before."""
+    samples_left: Int[Array, ""]
+    """How many data times are not passed yet; the next one is ts[samples_left - 1]."""
     tries: Int[Array, ""]
     """Steps tried."""
 
@@ -82,29 +83,29 @@ class BackwardPlace(NamedTuple):
     """Longest step to try; inf for as long as the recorded one."""
 
 
-def through_steps(backward: BackwardPass, steps: SegmentSteps, end, costate: Costate) -> Costate:
+def through_steps(backward: BackwardPass, steps: SegmentSteps, end, at: BackwardState) -> BackwardState:
     """Adjoint of the steps of one segment, from its end: each recorded step at once, or in as many as are needed.
 
     A turn of the loop tries one step."""
 
     def body(carry):
-        place, costate = carry
-        tried = _try_step(backward, steps, place, costate)
-        moved = _carried_on(backward, costate, tried)
-        costate = jax.tree.map(lambda new, old: jnp.where(tried.accepted, new, old), moved, costate)
-        return _next_place(steps, end, place, tried), costate._replace(tries=costate.tries + 1)
+        place, at = carry
+        tried = _try_step(backward, steps, place, at)
+        moved = _carried_on(backward, at, tried)
+        at = jax.tree.map(lambda new, old: jnp.where(tried.accepted, new, old), moved, at)
+        return _next_place(steps, end, place, tried), at._replace(tries=at.tries + 1)
 
     def goes_on(carry):
-        place, costate = carry
-        return (place.k >= steps.first) & (costate.tries < backward.control.most_tries)
+        place, at = carry
+        return (place.k >= steps.first) & (at.tries < backward.control.most_tries)
 
     never = jnp.full_like(end, jnp.inf)
     place = BackwardPlace(steps.last - 1, end, never)
-    return lax.while_loop(goes_on, body, (place, costate))[1]
+    return lax.while_loop(goes_on, body, (place, at))[1]
 
 
 class TriedStep(NamedTuple):
-    """A step back, and what is made of it."""
+    """A step at, and what is made of it."""
 
     left: Float[Array, ""]
     """Where it ends."""
@@ -118,39 +119,39 @@ class TriedStep(NamedTuple):
     """Longest step to try next."""
     size: Float[Array, ""]
     """Of psi."""
-    costate: Costate
-    """Where the backward pass stood, with what the step adds gathered, and the largest size of psi."""
+    at: BackwardState
+    """Where the sweep stood, with what the step adds gathered, and the largest size of psi."""
 
 
-def _try_step(backward: BackwardPass, steps: SegmentSteps, place: BackwardPlace, costate: Costate) -> TriedStep:
+def _try_step(backward: BackwardPass, steps: SegmentSteps, place: BackwardPlace, at: BackwardState) -> TriedStep:
     start = steps.record.t[place.k]
-    left, is_data = _left_end(backward, start, place, costate.data)
+    left, is_data = _left_end(backward, start, place, at.samples_left)
     reaches_start, h = (left == start) & ~is_data, place.right - left
     x0 = _state_at(backward, steps.mode, reaches_start, start, left, steps.record.x[place.k])
-    go = lambda: _carry_back(backward, steps.mode, left, place.right, x0, costate.psi)
-    step = computed_once(costate.tries >= 0, go)  # always true, which XLA cannot foresee
-    gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), costate.gathered, step.total)
-    costate = costate._replace(gathered=gathered)
-    judge = lambda: _judge(backward, x0, costate, step, h, place.width)
-    accepted, width, size, peak = computed_once(costate.tries >= 0, judge)
+    go = lambda: _carry_back(backward, steps.mode, left, place.right, x0, at.psi)
+    step = computed_once(at.tries >= 0, go)  # always true, which XLA cannot foresee
+    gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), at.gathered, step.total)
+    at = at._replace(gathered=gathered)
+    judge = lambda: _judge(backward, x0, at, step, h, place.width)
+    accepted, width, size, peak = computed_once(at.tries >= 0, judge)
     finest = h <= time_resolution(place.right, 2)  # cannot be cut: two data times may coincide
     width = jnp.where(finest, place.width, width)
     return TriedStep(
-        left, is_data, reaches_start, step, accepted | finest, width, size, costate._replace(peak=peak)
+        left, is_data, reaches_start, step, accepted | finest, width, size, at._replace(peak=peak)
     )
 
 
-def _carried_on(backward: BackwardPass, costate: Costate, tried: TriedStep) -> Costate:
+def _carried_on(backward: BackwardPass, at: BackwardState, tried: TriedStep) -> BackwardState:
     """The costate after a step that is accepted."""
     step = tried.step
-    total = jax.tree.map(jnp.add, costate.total, step.total)
-    psi, data = _add_data(backward, tried.is_data, step.psi, costate.data)
-    worst = costate.worst
+    total = jax.tree.map(jnp.add, at.total, step.total)
+    psi, samples_left = _add_data(backward, tried.is_data, step.psi, at.samples_left)
+    worst = at.worst
     if step.total_error is not None:
-        counts = ~is_noise(tried.size, tried.costate.peak)
+        counts = ~is_noise(tried.size, tried.at.peak)
         larger = lambda known, new: jnp.maximum(known, (counts * jnp.abs(new)).astype(new.dtype))
         worst = jax.tree.map(larger, worst, step.total_error)
-    return tried.costate._replace(psi=psi, total=total, worst=worst, data=data)
+    return tried.at._replace(psi=psi, total=total, worst=worst, samples_left=samples_left)
 
 
 def _next_place(steps: SegmentSteps, end, place: BackwardPlace, tried: TriedStep) -> BackwardPlace:
@@ -163,21 +164,21 @@ def _next_place(steps: SegmentSteps, end, place: BackwardPlace, tried: TriedStep
 
 
 def _state_at(backward: BackwardPass, mode, is_start, start, t, x):
-    """The state at t inside of a recorded step, by a step from its start, where the state is x. The motion is resolved,
-    so any shorter step follows it."""
+    """The state at t inside of a recorded step, by a step from its start, where the state is x. The recorded step met
+    the tolerance, and so does a shorter one from the same start."""
     return lax.cond(is_start, lambda: x, lambda: one_step(backward.solver, backward.system, mode, start, t, x))
 
 
 def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
-    """One step back. What it adds to dJ/dtheta is packed, because the error control then works on few arrays."""
-    parameters, static = eqx.partition(backward.system, backward.in_steps)
+    """One step at. What it adds to dJ/dtheta is packed, because the error control then works on few arrays."""
+    parameters, static = eqx.partition(backward.system, backward.step_parameter_mask)
     step = RecordedStep(parameters, static, mode, t0, t1, x0, backward.solver, backward.controlled)
     done = backward.adjoint.carry_back(step, psi)
     error = None if done.total_error is None else pack(done.total_error)
     return done._replace(total=pack(done.total), total_error=error)
 
 
-def _left_end(backward: BackwardPass, start, place: BackwardPlace, data) -> tuple[Array, Bool[Array, ""]]:
+def _left_end(backward: BackwardPass, start, place: BackwardPlace, samples_left) -> tuple[Array, Bool[Array, ""]]:
     """Where the step back ends, and whether that is a data time: there, at the recorded step's start, or as far as it
     may go. Parts are shorter than `width`, because the error estimate exaggerates the error of short steps.
 
@@ -187,31 +188,31 @@ def _left_end(backward: BackwardPass, start, place: BackwardPlace, data) -> tupl
     left = jnp.where(place.right - start <= place.width, start, place.right - cut)
     if backward.ts is None:
         return left, jnp.array(False)
-    data_time = jnp.where(data > 0, backward.ts[jnp.maximum(data - 1, 0)], -jnp.inf)
+    data_time = jnp.where(samples_left > 0, backward.ts[jnp.maximum(samples_left - 1, 0)], -jnp.inf)
     is_data = data_time >= left
     data_time = data_time - lax.stop_gradient(jnp.maximum(data_time - place.right, 0))  # at a jump time: before it
     return jnp.where(is_data, data_time, left), is_data
 
 
-def _add_data(backward: BackwardPass, here, psi, data):
+def _add_data(backward: BackwardPass, here, psi, samples_left):
     """psi- = psi+ + c_x at a data time."""
     if backward.cotangent.samples is None:
-        return psi, data
-    return psi + jnp.where(here, backward.cotangent.samples[jnp.maximum(data - 1, 0)], 0), data - here
+        return psi, samples_left
+    return psi + jnp.where(here, backward.cotangent.samples[jnp.maximum(samples_left - 1, 0)], 0), samples_left - here
 
 
-def _judge(backward: BackwardPass, x, costate: Costate, step: StepBack, h, width):
+def _judge(backward: BackwardPass, x, at: BackwardState, step: StepBack, h, width):
     """Whether a step back resolves what it carries, the longest step to try next, the size of psi and its largest."""
     if step.psi_error is None:  # nothing is judged, and the size of psi is not asked for
-        return jnp.array(True), width, costate.peak, costate.peak
+        return jnp.array(True), width, at.peak, at.peak
     control = backward.control
-    ratio, size = control.of_costate(x, costate.psi, step.psi, step.psi_error, costate.peak)
-    peak = jnp.maximum(costate.peak, size)  # a sweep's first step knows no other
+    ratio, size = control.of_costate(x, at.psi, step.psi, step.psi_error, at.peak)
+    peak = jnp.maximum(at.peak, size)  # a sweep's first step knows no other
 
     def of_gradient():
-        scale = jax.tree.map(jnp.maximum, costate.gathered, costate.foreseen).unpack()
+        scale = jax.tree.map(jnp.maximum, at.gathered, at.least_scale).unpack()
         return control.of_gradient(backward.step_parameters, scale, step.total_error.unpack(), peak)
 
-    looks = costate.strict & ~is_noise(size, peak)
+    looks = at.judges_gradient & ~is_noise(size, peak)
     ratio = jnp.maximum(ratio, lax.cond(looks, of_gradient, lambda: jnp.zeros_like(ratio)))
     return *control.judge(ratio, h, width), size, peak

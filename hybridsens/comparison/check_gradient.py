@@ -39,13 +39,13 @@ def check_gradient(
     2. Both against differences of fourth order, to `tolerance`; a difference counts only if the motions on all of its
        points have the same sequence of events.
     3. Both against a reference, to `tolerance`: another solver with tighter tolerances, and steps that resolve the
-       derivative much better. Differences of long steps may share their defect.
+       derivative much better: steps that are too long for it spoil differences in the same way as gradients.
     4. The same for every event by itself, on the piece of motion from half way after the last event to half way before
        the next; and there the determinant of the state's variation, which is known: e^2 at an impact (0 with a held
        contact) times exp(int tr f_x dt). For motions of a scene.
 
-    Deviations are relative to the entry, but to no less than 1e-3 of the largest entry, each times its parameter, or
-    the slope that J has nearby: of a smaller entry, even a wrong one, deviations below `tolerance` times that pass.
+    A deviation is measured by the largest of three: the entry; 1e-3 of the largest entry, each times its parameter; the
+    slope that J has nearby. So a wrong entry passes if it is below `tolerance` times the other two.
 
     Where something is in doubt, `causes` says what is likely behind it, and what to do.
 

@@ -1,4 +1,4 @@
-"""The front door: a scene and measurements in, parameters with their uncertainty out."""
+"""The entry point: a scene and measurements in, parameters with their uncertainty out."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -81,14 +81,14 @@ def fit(
     - `priors`: name -> (mean, sigma). The values must have sigmas too, by which priors are weighed against them.
     - `robust`: residuals beyond so many sigmas count linearly, for data with outliers and with sigmas; None: all count
       squared.
-    - `t0`, `t1`: horizon [s]; t1 is the last measured time by default, and a tenth more where that is an event's, so
-      that an event which comes later is compared with it. One that a motion does not have counts as if at t1.
+    - `t0`, `t1`: horizon [s]; t1 is by default the last measured time, or 10 % beyond the last event if that is later,
+      so that an event which comes later is compared with it. One that a motion does not have counts as if at t1.
     - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an
       Optimistix Gauss-Newton solver, or any Optax optimizer.
     - `strategy`: `GrowingHorizon()` for long or chaotic motions.
     - `starts`: descend from so many points around the guess, in one compiled run, and go on from the best: a number, or
       `RandomStarts(count, spread, seed)`.
-    - `max_iterations`, `patience`: room for iterations; how many of them may pass without improvement.
+    - `max_iterations`: the most iterations; `patience`: how many may pass without improvement.
     - `progress`: print a line for every iteration, and how long compiling takes before the first; or a
       function that is called with every `Iteration`, and stops the fit by returning True. Ctrl-C ends it too. The best
       point so far is returned, if there is one; `fit(result.scene, ...)` goes on.

@@ -47,7 +47,8 @@ class _CautiousTrustRegion(optimistix.ClassicalTrustRegion):
 
 
 class LevenbergMarquardt(optimistix.AbstractGaussNewton):
-    """Levenberg-Marquardt whose damping falls after every good step, and whose steps bend; see `acceleration.py`.
+    """Levenberg-Marquardt that lowers its damping after every good step, but not after the first one that follows a
+    rejection, and whose steps follow a geodesic; see `acceleration.py`.
 
     `optimistix.LevenbergMarquardt` lowers it only where the reduction comes within 1 % of the predicted one, which
     a motion with impacts hardly ever reaches: it then takes several times as many iterations.

@@ -23,8 +23,8 @@ from .inside import Inside, Resolution, is_divisible, look_inside
 from .record import StepRecord
 
 LEAST_SEARCHED = 1 / 64
-"""A search that is given up ends the step where it got to, if that is at least this fraction of it. Else the step is
-kept and the motion counts as grazing where guards can; where none can, the step ends there anyhow."""
+"""Where a search is given up, the step is cut where the search got to, if that is at least this fraction of the step.
+Else the step is kept, and the motion counts as grazing; if no guard can graze, the step is cut at this fraction."""
 
 
 class LocatorState(eqx.Module):
@@ -40,7 +40,8 @@ class LocatorState(eqx.Module):
     noise: Float[Array, "guard"]
     """Rounding granted to guards that the segment started on and has not left yet."""
     shortenings: Int[Array, ""]
-    """How often the way to the next event was shortened so far."""
+    """How many times in a row the step was shortened to end on an event; 0 again after a step that is kept, unless that
+    fell short of it."""
     free_step: Float[Array, ""]
     """The step that the error control would take if there were no event."""
     rejected: Int[Array, ""]
@@ -55,7 +56,7 @@ class LocatorState(eqx.Module):
 
 
 class Verdict(NamedTuple):
-    """What becomes of a candidate step; none of these for one that is not accurate."""
+    """What becomes of a candidate step. All three are False for one that failed the error control."""
 
     keep: Bool[Array, ""]
     retry_at_root: Bool[Array, ""]
@@ -66,8 +67,8 @@ class Verdict(NamedTuple):
     @classmethod
     def of(cls, accurate, inside: Inside) -> "Verdict":
         """By the error control and by what the step shows."""
-        splits = ~inside.ends_early & jnp.isfinite(inside.split)
-        return cls(accurate & ~inside.ends_early & ~splits, accurate & inside.ends_early, accurate & splits)
+        splits = ~inside.root_before_stop & jnp.isfinite(inside.split)
+        return cls(accurate & ~inside.root_before_stop & ~splits, accurate & inside.root_before_stop, accurate & splits)
 
 
 class EventLocator(diffrax.AbstractStepSizeController):
@@ -147,7 +148,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
             landed_on=inside.landed_on,
             grazing=state.grazing | (accurate & inside.grazes),
             jumped=inside.jumps,
-            finite=jnp.all(jnp.isfinite(y1_candidate)) & inside.known,
+            finite=jnp.all(jnp.isfinite(y1_candidate)) & inside.finite,
         )
         # A step of a few units of the last place is as long once more, by rounding, and would fail for ever.
         again = ~accurate & ~(next_t1 < t1)
@@ -184,7 +185,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
 def _search(system, mode, ends: StepEnds, accurate, inside: Inside, resolution: Resolution) -> Inside:
     """What a search of the inside of the step adds where its ends show nothing."""
     h = ends.t1 - ends.t0
-    wanted = accurate & ~inside.ends_early & jnp.isinf(inside.split) & is_divisible(ends.t0, h)
+    wanted = accurate & ~inside.root_before_stop & jnp.isinf(inside.split) & is_divisible(ends.t0, h)
     # `look_inside` has judged the end: the search is not to find again what lies below zero there.
     tolerance = resolution.rounding + resolution.noise + jnp.maximum(-ends.guard1, 0)
     searched = system.search(ends, mode, tolerance, wanted)
@@ -194,7 +195,7 @@ def _search(system, mode, ends: StepEnds, accurate, inside: Inside, resolution: 
     got_far = ~can_graze | (searched.reached > LEAST_SEARCHED)
     return inside._replace(
         t_root=jnp.where(found, ends.t0 + searched.crossing * h, inside.t_root),
-        ends_early=inside.ends_early | found,
+        root_before_stop=inside.root_before_stop | found,
         split=jnp.where(gave_up & got_far, jnp.maximum(searched.reached, LEAST_SEARCHED), inside.split),
         grazes=inside.grazes | (gave_up & ~got_far),
     )

@@ -25,7 +25,8 @@ class GuardsAtStart(eqx.Module):
 def guards_at_start(system, t, x, mode) -> GuardsAtStart:
     """Tell guards that the segment leaves (it was just reset, or starts there) from guards that fire at once.
 
-    A guard that is left starts at 0 with a rate that is not negative, so its cubic has no root at the start (T4)."""
+    A guard that is left starts at exactly 0 with a rate that is not negative, so its cubic has no root at the start, as
+    that of the guard of (T4) has none."""
     guard, rate = system.guards_and_rates(t, x, mode)
     size, rate_size = scales_at(system, t, x, mode, guard)
     noise, rate_noise = closeness(x.dtype) * size, closeness(x.dtype) * rate_size

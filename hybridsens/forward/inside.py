@@ -12,21 +12,21 @@ from ..numerics.tolerances import AT_END, closeness, rounding, time_resolution
 from .guards import first_to_fall
 
 MUCH = 1e3
-"""A guard that falls by so many times what its rates explain has jumped."""
+"""A guard that falls by more than `MUCH` times what its rates at the ends explain has jumped."""
 
 BLOCK = 32
 """Many guards are looked at so many at once, and only where one of them is near zero."""
 
 
 class Resolution(NamedTuple):
-    """To what guards and times are told apart, and where the solve ends anyhow."""
+    """How well guards and times can be told apart, and where the solve ends."""
 
     rounding: Float[Array, "guard"]
     """Rounding error of evaluating each guard."""
     noise: Float[Array, "guard"]
     """Rounding granted to guards that the segment started on and has not left yet."""
     shortenings: Int[Array, ""]
-    """How often the way to the next event was shortened so far."""
+    """How many times in a row the step was shortened to end on an event: each relaxes how exactly."""
     stop: Float[Array, ""]
     """Where the solve ends without an event."""
     depth: Float[Array, "guard"]
@@ -39,21 +39,21 @@ class Inside(NamedTuple):
     t_root: Float[Array, ""]
     """Where to end the step: where the first guard falls through zero, or comes too near to it to tell; inf for
     neither."""
-    ends_early: Bool[Array, ""]
-    """Whether that is before the end of the solve."""
+    root_before_stop: Bool[Array, ""]
+    """Whether `t_root` comes before the end of the solve: the step is then tried again, to end there."""
     split: Float[Array, ""]
     """Where to end a step that does not tell enough, as a fraction of it; inf for a step that does."""
     on_guard: Bool[Array, ""]
     """Whether it ends on a guard that falls."""
     landed_on: Int[Array, ""]
     """Which one; it means nothing where it ends on none."""
-    since: Float[Array, ""]
-    """How long before the end it fell; -inf where it ends on none."""
+    since_zero: Float[Array, ""]
+    """Time from the zero of the guard `landed_on` to the end of the step; -inf where it ends on none."""
     to_go: Float[Array, ""]
     """Time after the step until a guard falls, by its rate; inf also where none is near."""
     grazes: Bool[Array, ""]
     """Whether a guard misses zero by less than can be told from an event."""
-    known: Bool[Array, ""]
+    finite: Bool[Array, ""]
     """Whether its guards and their rates are numbers."""
     jumps: Bool[Array, ""]
     """Whether a guard that it ends on has jumped below zero, without falling."""
@@ -118,17 +118,17 @@ def _cut(step: StepEnds, resolution: Resolution, first) -> tuple[StepEnds, Resol
 
 def _both(a: Inside, b: Inside) -> Inside:
     """What a step shows of these guards and of those."""
-    known = a.known & b.known  # a step with a guard that is no number is split, wherever another one falls
+    finite = a.finite & b.finite  # a step with a guard that is no number is split, wherever another one falls
     return Inside(
-        t_root=jnp.where(known, jnp.minimum(a.t_root, b.t_root), jnp.inf),
-        ends_early=(a.ends_early | b.ends_early) & known,
+        t_root=jnp.where(finite, jnp.minimum(a.t_root, b.t_root), jnp.inf),
+        root_before_stop=(a.root_before_stop | b.root_before_stop) & finite,
         split=jnp.minimum(a.split, b.split),
         on_guard=a.on_guard | b.on_guard,
-        landed_on=jnp.where(b.since > a.since, b.landed_on, a.landed_on),
-        since=jnp.maximum(a.since, b.since),
+        landed_on=jnp.where(b.since_zero > a.since_zero, b.landed_on, a.landed_on),
+        since_zero=jnp.maximum(a.since_zero, b.since_zero),
         to_go=jnp.minimum(a.to_go, b.to_go),
         grazes=a.grazes | b.grazes,
-        known=known,
+        finite=finite,
         jumps=a.jumps | b.jumps,
     )
 
@@ -144,22 +144,23 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     root, miss = first_falling_root(step.guard0, step.rate0 * h, end, rate * h, rounded)
     is_shortest = h <= time_resolution(t0, 1)  # no shorter step can be taken: its end is where the event is
     # A guard that is no number would never fall. A rate may be infinite where a gap is a square root.
-    known = jnp.all(jnp.isfinite(guard) & jnp.isfinite(step.guard0) & ~jnp.isnan(rate))
-    roots = t0 + jnp.where(on_guard | is_shortest | ~known, jnp.inf, root) * h
+    finite = jnp.all(jnp.isfinite(guard) & jnp.isfinite(step.guard0) & ~jnp.isnan(rate))
+    roots = t0 + jnp.where(on_guard | is_shortest | ~finite, jnp.inf, root) * h
     early = roots < resolution.stop - time_resolution(t1, AT_END)
     # What falls so little before the end of the solve fires at the end, and by the same root: left below zero, it would
     # be lost to a solve that goes on from here.
-    on_guard |= (t1 >= resolution.stop) & (guard < 0) & (rate < 0) & ~early & known & _may_fire(resolution)
-    t_root, ends_early = jnp.min(roots, initial=jnp.inf), jnp.any(early)
+    on_guard |= (t1 >= resolution.stop) & (guard < 0) & (rate < 0) & ~early & finite & _may_fire(resolution)
+    t_root, root_before_stop = jnp.min(roots, initial=jnp.inf), jnp.any(early)
     cubic = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
     split = jnp.min(tangents_meet_below(*cubic), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*cubic), 0.5, split)
     split = jnp.where(is_divisible(t0, h), split, jnp.inf)
-    split = jnp.where(known, split, 0.5)
+    split = jnp.where(finite, split, 0.5)
     to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
-    landed_on, since = first_to_fall(on_guard, guard, jnp.where(jumped, -jnp.inf, rate))
+    landed_on, since_zero = first_to_fall(on_guard, guard, jnp.where(jumped, -jnp.inf, rate))
     grazes, jumps = jnp.any(miss <= resolution.depth), jnp.any(on_guard & jumped)
-    return Inside(t_root, ends_early, split, jnp.any(on_guard), landed_on, since, to_go, grazes, known, jumps)
+    ends_there = jnp.any(on_guard)
+    return Inside(t_root, root_before_stop, split, ends_there, landed_on, since_zero, to_go, grazes, finite, jumps)
 
 
 def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guard"], Bool[Array, "guard"]]:

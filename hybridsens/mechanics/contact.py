@@ -66,7 +66,7 @@ class SomeContacts(WrappedScene):
     """A scene with some of its contacts; the others are not there."""
 
     scene: AbstractScene
-    who: Int[Array, "few"]
+    which: Int[Array, "few"]
 
     def mass_matrix(self, q):
         return self.scene.mass_matrix(q)
@@ -75,10 +75,10 @@ class SomeContacts(WrappedScene):
         return self.scene.force(t, q, v)
 
     def gap(self, t, q):
-        return _picked(self.scene.gap(t, q), self.who)
+        return _picked(self.scene.gap(t, q), self.which)
 
     def restitution(self):
-        return _picked(self.scene.restitution(), self.who)
+        return _picked(self.scene.restitution(), self.which)
 
 
 class Among(NamedTuple):
@@ -113,9 +113,9 @@ def among_held(scene: AbstractScene, held: Bool[Array, "contact"], dof: int, amo
 
 def _among_first(scene: AbstractScene, wanted, count: int, among: Among) -> tuple[Any, Any]:
     """`among.run` with `count` contacts, those that are wanted before the others."""
-    who = _first(wanted, count)
-    found, rest = among.run(SomeContacts(scene, who), jax.tree.map(lambda leaf: leaf[who], among.by_contact))
-    return jax.tree.map(lambda of_few, of_all: _spread(of_few, who, of_all), found, among.elsewhere), rest
+    which = _first(wanted, count)
+    found, rest = among.run(SomeContacts(scene, which), jax.tree.map(lambda leaf: leaf[which], among.by_contact))
+    return jax.tree.map(lambda of_few, of_all: _spread(of_few, which, of_all), found, among.elsewhere), rest
 
 
 def _first(wanted: Bool[Array, "contact"], count: int) -> Int[Array, "few"]:
@@ -123,23 +123,23 @@ def _first(wanted: Bool[Array, "contact"], count: int) -> Int[Array, "few"]:
     all_of_them = wanted.shape[0]
     place = jnp.arange(all_of_them)
     rank = place + all_of_them * ~wanted
-    who = []
+    which = []
     for _ in range(count):
         lowest = jnp.min(rank)  # no two are the same, and the rank tells the place: half the work of argmin
-        who.append(lowest % all_of_them)
+        which.append(lowest % all_of_them)
         rank = jnp.where(rank == lowest, 2 * all_of_them, rank)
-    return jnp.stack(who)
+    return jnp.stack(which)
 
 
-def _picked(of_all: Float[Array, "contact"], who) -> Float[Array, "few"]:
+def _picked(of_all: Float[Array, "contact"], which) -> Float[Array, "few"]:
     """The entries of a few contacts. By a sum: the transpose of an index is a scatter, and XLA compiles no loop with
     one in it into one kernel."""
-    return jnp.sum(jnp.where(jnp.arange(of_all.shape[0]) == who[:, None], of_all, 0), axis=1)
+    return jnp.sum(jnp.where(jnp.arange(of_all.shape[0]) == which[:, None], of_all, 0), axis=1)
 
 
-def _spread(of_few, who, of_all):
+def _spread(of_few, which, of_all):
     """The few entries put in their places. By selections: a scatter would be a loop of its own."""
-    for k in range(who.shape[0]):
-        here = jnp.arange(of_all.shape[0]) == who[k]
+    for k in range(which.shape[0]):
+        here = jnp.arange(of_all.shape[0]) == which[k]
         of_all = jnp.where(here.reshape(-1, *[1] * (of_all.ndim - 1)), of_few[k], of_all)
     return of_all

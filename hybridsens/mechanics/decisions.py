@@ -1,5 +1,5 @@
-"""What is decided at an event: who takes part, which law acts, who is held afterwards. `MechanicalSystem.reset` then
-moves the state."""
+"""What is decided at an event: which contacts take part, which law acts, which are held afterwards.
+`MechanicalSystem.reset` then moves the state."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ NEAR = 1e3
 
 
 class Limits(NamedTuple):
-    """What is too little to matter."""
+    """Speeds and depths below which a rebound or a touch is neglected."""
 
     capture_speed: Any
     """Rebound speed, relative to the contact's fastest impact so far, below which it is captured."""

@@ -90,7 +90,7 @@ class _Laws(NamedTuple):
         return closeness(self.now.q.dtype) * self.mode.speed
 
     def apply(self, turn: Int[Array, ""], last: Impact) -> Impact:
-        """One turn, from what the last one left: impulses, the velocities after them, and who is held then."""
+        """One turn, from what the last one left: impulses, the velocities after them, and the contacts held then."""
         (t, q, v), geometry, impacting = self.now, self.at_event.geometry, self.at_event.impacting
         restitution = jnp.where(last.plastic, 0, self.scene.restitution())
         support = impulse_support(geometry, self.at_event.rate, restitution, impacting, self.mode.speed)
@@ -115,8 +115,8 @@ class _Laws(NamedTuple):
         return jnp.maximum(self.rest_speed, jnp.maximum(self.cut, rate_below_rounding(accelerations, self.mode)))
 
     def _brought_to_rest(self, turn, last: Impact, selection: Selection, rate) -> Bool[Array, "contact"]:
-        """First who rests, were all held together, if that is more than before; then those that are pulled closed too.
-        Only contacts that are independent of each other can be brought to rest."""
+        """First those that rest, were all held together, if that is more than before; then those that are pulled closed
+        too. Only contacts that are independent of each other can be brought to rest."""
         together = turn == Turn.TOGETHER
         rests = selection.active | selection.resting
         more = jnp.any(rests & ~(last.selection.active | last.selection.resting))

@@ -45,21 +45,21 @@ class SwitchedSystem(AbstractFlatSystem):
     """Events 0, 1, ... are those of the contacts, the switches follow. In each mode the contacts are those of a
     `MechanicalSystem`; after a switch they are chosen as after a jump of the forces."""
 
-    contacts: MechanicalSystem
+    mechanics: MechanicalSystem
     rules: SwitchRules
     switch_count: int = eqx.field(static=True)
     first_mode: Any
     """The scene's mode in which the motion begins."""
 
-    def begin(self, contacts: MechanicalSystem, mode: ContactMode, x) -> tuple["SwitchedSystem", SwitchedMode]:
-        """The system with these contacts, and the mode that it begins in at x; `choose` looks at its switches."""
+    def begin(self, mechanics: MechanicalSystem, mode: ContactMode, x) -> tuple["SwitchedSystem", SwitchedMode]:
+        """The system with these mechanics, and the mode that it begins in at x; `choose` looks at its switches."""
         watch = Watch.blank(self.switch_count, x)
-        return dataclasses.replace(self, contacts=contacts), SwitchedMode(mode, self.first_mode, watch)
+        return dataclasses.replace(self, mechanics=mechanics), SwitchedMode(mode, self.first_mode, watch)
 
     def within(self, own) -> MechanicalSystem:
-        """The system of contacts in a mode of the scene."""
-        scene, running_cost = in_mode(self.contacts.scene, self.contacts.running_cost, own)
-        return dataclasses.replace(self.contacts, scene=scene, running_cost=running_cost)
+        """The mechanics in a mode of the scene."""
+        scene, running_cost = in_mode(self.mechanics.scene, self.mechanics.running_cost, own)
+        return dataclasses.replace(self.mechanics, scene=scene, running_cost=running_cost)
 
     def flow(self, t, x, mode: SwitchedMode):
         return self.within(mode.own).flow(t, x, mode.contacts)
@@ -75,8 +75,8 @@ class SwitchedSystem(AbstractFlatSystem):
         return jnp.concatenate([gaps, signed]), jnp.concatenate([gap_rates, rates])
 
     def _switches(self, t, x, own):
-        q, v, _ = self.contacts.split(x)
-        return self.rules.switches(as_written(self.contacts.scene), t, q, v, own).astype(x.dtype)
+        q, v, _ = self.mechanics.split(x)
+        return self.rules.switches(as_written(self.mechanics.scene), t, q, v, own).astype(x.dtype)
 
     def _see(self, t, x, own, contacts: ContactMode, watch: Watch) -> Seen:
         flow = self.within(own).flow(t, x, contacts)
@@ -91,16 +91,16 @@ class SwitchedSystem(AbstractFlatSystem):
 
     def grazing_depth(self, mode: SwitchedMode):
         """A switch says nothing of how nearly it was missed."""
-        return jnp.concatenate([self.contacts.grazing_depth(mode.contacts), jnp.full_like(mode.watch.size, -1)])
+        return jnp.concatenate([self.mechanics.grazing_depth(mode.contacts), jnp.full_like(mode.watch.size, -1)])
 
     def warn_of_sampled(self, t, x):
         """Say which gaps and which switches are only sampled inside a step."""
-        self.contacts.warn_of_sampled(t, x)
+        self.mechanics.warn_of_sampled(t, x)
         warn_of_sampled("Switches", lambda t, x: self._switches(t, x, self.first_mode), t, x)
 
     def searches(self, t, x):
         """Whether a gap or a switch is curved."""
-        return self.contacts.searches(t, x) or self._has_curved_switches(t, x)
+        return self.mechanics.searches(t, x) or self._has_curved_switches(t, x)
 
     def _has_curved_switches(self, t, x) -> bool:
         return bool((gap_kinds(lambda t, x: self._switches(t, x, self.first_mode), t, x)[0] >= Kind.CURVED).any())
@@ -112,7 +112,7 @@ class SwitchedSystem(AbstractFlatSystem):
             guard0=step.guard0[cut], rate0=step.rate0[cut], guard1=step.guard1[cut], rate1=step.rate1[cut]
         )
         found = []
-        if self.contacts.searches(step.t0, step.x0):
+        if self.mechanics.searches(step.t0, step.x0):
             contacts = self.within(mode.own)
             found.append(contacts.search(part(slice(0, n)), mode.contacts, tolerance[:n], wanted))
         if self._has_curved_switches(step.t0, step.x0):
@@ -157,8 +157,8 @@ class SwitchedSystem(AbstractFlatSystem):
 
     def _switch(self, number, t, x, before) -> tuple[Array, Any]:
         """The state and the mode after a switch has fallen."""
-        q, v, z = self.contacts.split(x)
-        v, own = self.rules.switch(as_written(self.contacts.scene), number, t, q, v, before)
+        q, v, z = self.mechanics.split(x)
+        v, own = self.rules.switch(as_written(self.mechanics.scene), number, t, q, v, before)
         own = jax.tree.map(lambda new, old: lax.stop_gradient(jnp.asarray(new, old.dtype)), own, before)
         return jnp.concatenate([q, jnp.asarray(v, x.dtype), z]), own
 
@@ -180,21 +180,21 @@ class SwitchedSystem(AbstractFlatSystem):
         return mode.watch.fires_at_once(event - mode.contacts.active.shape[0])
 
     def jump_times(self):
-        return self.contacts.jump_times()
+        return self.mechanics.jump_times()
 
     def projects(self, mode: SwitchedMode):
-        return self.contacts.projects(mode.contacts)
+        return self.mechanics.projects(mode.contacts)
 
     def project(self, t, x, mode: SwitchedMode):
-        return self.contacts.project(t, x, mode.contacts)
+        return self.mechanics.project(t, x, mode.contacts)
 
     def project_with_error(self, t, x, mode: SwitchedMode):
-        return self.contacts.project_with_error(t, x, mode.contacts)
+        return self.mechanics.project_with_error(t, x, mode.contacts)
 
     def stuck(self, t, x, mode: SwitchedMode) -> Status:
-        return self.contacts.stuck(t, x, mode.contacts)
+        return self.mechanics.stuck(t, x, mode.contacts)
 
     def unconstrained(self, mode: SwitchedMode):
         """As of the contacts: while every one is open there is a shorter flow."""
-        shorter = self.contacts.unconstrained(mode.contacts)
-        return None if shorter is None else (shorter[0], dataclasses.replace(self, contacts=shorter[1]))
+        shorter = self.mechanics.unconstrained(mode.contacts)
+        return None if shorter is None else (shorter[0], dataclasses.replace(self, mechanics=shorter[1]))

@@ -29,7 +29,7 @@ class AbstractSwitchedScene(AbstractScene):
 
     The names and rules are those of `AbstractHybridSystem`, with `switches` for its `guards` and `switch` for its
     `transition`: what holds for a guard there, holds for a switch here. Contacts keep their laws, and need no words for
-    switches: who is held closed, and by what force, is chosen anew after every switch; who is struck by a body that a
+    switches: which are held closed, and by what force, is chosen anew after every switch; what a body strikes that a
     switch kicked is found as ever. A switch leaves q as it is: two bodies that jump might be inside each other.
     """
 

@@ -28,8 +28,8 @@ from .status import ContactStatus
 from .wrapped import Fixed, as_written, number
 
 ROUNDED = 8
-"""A projection that moves a held contact by up to so many times what counts as closed and as no rate is no error of a
-step: a contact closes with its gap off by that tolerance, and by the margin that it had before."""
+"""A projection that corrects gaps by up to `ROUNDED` times `gap_tolerance`, and rates by up to `ROUNDED` times what
+counts as none, is no error of a step: a contact closes with its gap off by that, and by the margin that it had."""
 
 
 class ImpactReport(NamedTuple):
@@ -43,7 +43,7 @@ class ImpactReport(NamedTuple):
 
 class MechanicalSystem(AbstractFlatSystem):
     """State x = (q, v, z) with z' = running cost; guard i is the gap of contact i, or its multiplier while it is
-    held."""
+    active."""
 
     scene: AbstractScene
     running_cost: Callable[..., Any] | None
@@ -75,7 +75,7 @@ class MechanicalSystem(AbstractFlatSystem):
         return None if self.running_cost is None else self.running_cost(as_written(self.scene), t, q, v)
 
     def guards(self, t, x, mode: ContactMode):
-        """Phi_i where the contact is open, lambda_i where it is held."""
+        """Phi_i where the contact is not active, lambda_i where it is."""
         q, v, _ = self.split(x)
         gap = self.scene.gap(t, q) + mode.margin
         if not self.scene.sustained_contact:
@@ -128,10 +128,10 @@ class MechanicalSystem(AbstractFlatSystem):
         # The largest speed so far may be that of an impact long ago: dips would be lost in the doubt of a slow motion.
         speed = jnp.minimum(mode.speed, jnp.max(path.ways()) / path.h)
         speed = jnp.maximum(speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
-        doubt = path.doubt(self.split(step.error)[0], step.order) * path.h * speed
+        position_error = path.doubt(self.split(step.error)[0], step.order) * path.h * speed
         found = []
         if self._has_curved_gaps(step.t0, step.x0):
-            found.append(search_gaps(self.scene.gap, path, step, tolerance + doubt, ~mode.held, wanted))
+            found.append(search_gaps(self.scene.gap, path, step, tolerance + position_error, ~mode.held, wanted))
             if self.scene.sustained_contact:
                 found.append(search_way(self.scene, path, step, mode, self._resolved(mode), wanted))
         if self._load_varies(step.t0, step.x0):
@@ -152,7 +152,7 @@ class MechanicalSystem(AbstractFlatSystem):
         return relative * mode.length + absolute
 
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
-        """Impact, capture or release, and who is held after it; see `decide_transition`."""
+        """Impact, capture or release, and which contacts are held after it; see `decide_transition`."""
         q, v, _ = self.split(x)
         relative, absolute = map(number, self.depth)
         limits = Limits(number(self.capture_speed), (relative, absolute))
@@ -217,7 +217,7 @@ class MechanicalSystem(AbstractFlatSystem):
         return lax.cond(jnp.any(mode.active), projected, lambda: (x, nothing))
 
     def stuck(self, t, x, mode: ContactMode) -> Status:
-        """A gap that jumps or has a corner is told from forces that are stiff."""
+        """Tells a gap that jumps or has a corner from forces that are stiff."""
         q, v, _ = self.split(x)
         not_smooth = is_not_smooth(self.scene, t, q, v, mode)
         return Status.where(not_smooth, ContactStatus.gap_not_smooth, Status.step_size_underflow)

@@ -25,7 +25,7 @@ def time_resolution(t, relaxation):
     """How exactly an event can be placed in time: 4 units in the last place, times 4^relaxation.
 
     Event location relaxes it with every step that it shortens, so that it ends also where rounding in the guard is
-    worse than in time; up to `MOST_RELAXED`."""
+    worse than in time; up to `MOST_RELAXED`, where it is counted in a compiled program."""
     spacing = jnp.finfo(t.dtype).eps * jnp.abs(t) + jnp.finfo(t.dtype).tiny
     if isinstance(relaxation, int):
         return 4.0 ** (1 + relaxation) * spacing

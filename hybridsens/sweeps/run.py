@@ -1,4 +1,4 @@
-"""The front door of sweeps: points in, a Dataset of values, gradients, events and statuses out."""
+"""The entry point of sweeps: points in, a Dataset of values, gradients, events and statuses out."""
 
 import functools
 import hashlib

@@ -1,4 +1,4 @@
-"""Arguments of the front doors: numbers, arrays, pairs and mappings, checked by their names before anything runs."""
+"""Arguments of the entry points: numbers, arrays, pairs and mappings, checked by their names before anything runs."""
 
 import math
 import operator

@@ -17,7 +17,7 @@ from jax import lax
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
-from .in_step import in_step
+from .lockstep import lockstep
 from .rewriting import rewritten
 from .tracing import collection_put_off
 
@@ -28,7 +28,7 @@ Choice = Callable[[tuple[bool, ...]], Callable | None]
 
 
 class Done(NamedTuple):
-    """What a function gives that is mapped over a batch. Only the result varies."""
+    """What a function gives that is mapped over a batch. Only `result` has a derivative."""
 
     result: Any
     kept: Any = None
@@ -41,8 +41,8 @@ class Done(NamedTuple):
 class Mapped:
     """`function` of PyTrees of arrays. On a CPU the elements of a batch are mapped, in batches of batches too.
 
-    The rule for a batch is asked for each of its axes on its own. Zeros that stand in the place of what a batch has not
-    kept have no axis.
+    The axes of `jax.vmap` are handled one at a time. Zeros that stand in the place of what a batch has not kept have no
+    such axis.
     """
 
     function: Callable[..., Done]
@@ -74,7 +74,7 @@ class Mapped:
 
     def together(self, axes: tuple) -> "Mapped":
         """What is done with an axis whose elements run at once."""
-        at_once = lambda function: None if function is None else in_step(function, axes)
+        at_once = lambda function: None if function is None else lockstep(function, axes)
         choice, vary = self.choice, self.vary
         later = None if choice is None else lambda batched: at_once(choice(batched))
         varied = None if vary is None else jax.vmap(vary, (axes, 0, axes))

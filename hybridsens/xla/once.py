@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool
 def computed_once(true: Bool[Array, ""], function: Callable[[], Any]) -> Any:
     """The result of a function, computed once.
 
-    The condition is always true, which the compiler cannot foresee. Without it, XLA repeats the arithmetic for every
-    number that is made from the result."""
+    `true` always holds, which the compiler cannot foresee. Without the conditional, XLA repeats the arithmetic for
+    every number that is made from the result."""
     traced, shapes = jax.make_jaxpr(function, return_shape=True)()  # once: to trace it again would take as long
     leaves, tree = jax.tree.flatten(shapes)
     nothing = [jnp.zeros(leaf.shape, leaf.dtype) for leaf in leaves]

@@ -2,8 +2,8 @@
 
 XLA sets up three buffers for every reduction of a program each time that the program is called, a dozen for a search of
 the largest: 0.1 us each, and a motion of ten contacts has ninety reductions. Of few numbers they are compiled as
-quickly when written out. Of more they are left to XLA: written out, all that an entry is made from would be compiled
-for each of them.
+quickly when written out. Of some more they are left to XLA: written out, all that an entry is made from would be
+compiled for each of them.
 
 XLA turns a reduction of 32 numbers or more into windows of 32 and what is left of these, and a running sum into as many
 windows as it has numbers. A loop over windows takes LLVM a twentieth of a second to compile, and a motion of 64
@@ -21,12 +21,12 @@ from jax import lax
 from jax.extend.core import JaxprEqn
 
 FEW = 8
-"""So many numbers are few, where one number is made of them."""
+"""Where the result is one number, up to so many are written out."""
 SHORT = 16
 """Vectors of so many entries are short: their product is written out. Steps are full of them: of a chain of 16 masses
 they take a tenth of the time."""
 VERY_FEW, SMALL = 4, 16
-"""So many are few, where a result of up to so many entries is made of them."""
+"""Where the result has up to `SMALL` entries, each made of up to `VERY_FEW` numbers, these are written out."""
 
 add_up = functools.partial(jnp.sum, promote_integers=False)
 
@@ -80,7 +80,7 @@ def _parts(x, axis):
 
 
 def _first(name, x, axis, dtype):
-    """Where the first of the numbers stands that is wanted before all others; one that is no number is."""
+    """Index of the first largest (or smallest) number; as in JAX, nan counts as the extreme."""
     wanted, (best, *others) = ORDERS[name], _parts(x, axis)
     place = jnp.zeros(best.shape, dtype)
     for k, part in enumerate(others, 1):

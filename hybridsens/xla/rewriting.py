@@ -65,7 +65,7 @@ class Rewriting:
 
 
 class _ByRules(Rewriting):
-    """Replaces each equation by itself."""
+    """Replaces equations one at a time by `RULES`, without a look at their neighbours."""
 
     def __init__(self):
         super().__init__()

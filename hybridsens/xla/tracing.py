@@ -1,4 +1,4 @@
-"""Tracing, a third of the time to compile, made short: what was traced is looked up, and no garbage is looked for."""
+"""Tracing, a third of the time to compile, made short: what was traced is kept, and no garbage is collected."""
 
 import contextlib
 import gc

@@ -11,6 +11,7 @@ from tests.closeness import assert_close
 from tests.problems import elastic_ball, elastic_wall, impact_oscillator, small_gaps, stiff_support
 
 
+@pytest.mark.slow
 def test_two_thousand_impacts_keep_energy_time_and_gradient():
     """An elastic ball: no impact missed, energy to 2.5e-15 per impact, times to 1e-10, the gradient to 1e-6."""
     count = 2000

@@ -31,7 +31,7 @@ def test_a_light_ball_between_a_wall_and_a_heavy_one_counts_the_digits_of_pi(rat
     assert_close(trajectory.final.v**2 @ scene.mass, np.array(ratio), 1e-13)
 
 
-@pytest.mark.parametrize("e", [1.0, 0.5])
+@pytest.mark.parametrize("e", [1.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_row_of_touching_balls_obeys_the_simultaneous_law(e):
     """All four contacts strike at once: only the first opens, the struck balls move on together (T3)."""
     trajectory = run(balls(5, e), [-0.5, 1.0, 2.0, 3.0, 4.0], [1.0, 0.0, 0.0, 0.0, 0.0], 3.0)
@@ -50,7 +50,7 @@ def test_a_row_of_balls_a_billionth_apart_hands_the_impact_on():
 
 
 @pytest.mark.parametrize("floor", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
-@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("e", [pytest.param(0.0, marks=pytest.mark.slow), 0.5])
 @pytest.mark.parametrize("table", ["four feet", pytest.param("three feet", marks=pytest.mark.slow)])
 def test_a_plate_dropped_flat_stays_flat_and_rests(table, e, floor):
     """Redundant feet, exact and near copies among them, strike at once: no tilt, no penetration, rest."""

@@ -20,6 +20,7 @@ TOLD = (2174, 2708, 3349, 6942, 7072, 7259)
 a moving wall while nothing moved: the event came again at once."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [*range(50), *TOLD])
 def test_a_random_motion_obeys_the_laws(seed):
     """No penetration, impulses that balance and do not pull, Newton's law, no energy gained, events in order; and it

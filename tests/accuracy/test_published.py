@@ -129,6 +129,7 @@ class BallBetweenWalls(hs.AbstractScene):
         return jnp.broadcast_to(self.p[1], (2,))
 
 
+@pytest.mark.slow
 def test_floor_and_ceiling():
     """Siconos's two contacts: impacts in turn with a ceiling and a floor, and the gradient through four of them."""
 
@@ -208,6 +209,7 @@ def test_derivative_grows_towards_grazing(above, by_speed):
     assert_close(seen.closing_speed[0], np.sqrt(2 * g * h * above), max(WITHIN, 1e-14 / above))
 
 
+@pytest.mark.slow
 def test_release_from_a_table():
     """A ball thrown by a table A sin(w t): the release is where -A w^2 sin(w t) = -g, and the flight that follows."""
     scene_of = lambda amplitude, frequency: VibratingTable(amplitude=amplitude, frequency=frequency)

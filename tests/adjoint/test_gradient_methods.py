@@ -33,6 +33,7 @@ def gradients():
     return {name: np.asarray(run(parameters.vector)[1]) for name, run in runs.items()}
 
 
+@pytest.mark.slow
 def test_every_method_is_in_a_comparison_and_right_to_1e_7(gradients):
     """At tolerance 1e-8, on the elastic stop with five impacts; the continuous costate takes the same tolerance."""
     assert inspect.signature(compare).parameters["adjoints"].default == DEFAULT_ADJOINTS
@@ -44,6 +45,7 @@ def test_every_method_is_in_a_comparison_and_right_to_1e_7(gradients):
         assert relative_error(gradient, known) < 1e-7, method
 
 
+@pytest.mark.slow
 def test_discrete_methods_share_one_gradient_and_the_continuous_ones_do_not(gradients):
     """Replay and Diffrax's adjoint agree to rounding, forward sensitivities but for the steps that either cuts; the
     costate is off by its tolerance."""

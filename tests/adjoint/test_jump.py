@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import hybridsens as hs
 from hybridsens.adjoint.jump import Jump, flows_at, jump, pull_jump_back, push_jump_forward
@@ -109,6 +110,7 @@ def test_the_jump_moves_nothing():
     assert_close(found.reported.time, T, 1e-14)
 
 
+@pytest.mark.slow
 def test_saltation_of_a_ball():
     """S = [[-e, 0], [-(1 + e) g / v-, -e]], whose determinant is e^2."""
     g, e, v = 9.81, 0.8, -4.0
@@ -121,6 +123,7 @@ def test_saltation_of_a_ball():
     assert_close(jnp.linalg.det(S), e**2, 1e-14)
 
 
+@pytest.mark.slow
 def test_the_adjoint_is_continuous_at_a_release():
     """Where a multiplier falls through zero both flows are equal, so (T8) gives mu = 0 and psi- = psi+."""
     scene = CylinderSlide()

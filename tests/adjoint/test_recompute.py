@@ -86,6 +86,7 @@ def test_a_batch_is_right_lane_by_lane(gradients):
     assert_close(batched, jnp.stack([gradients[0](p)[1] for p in points]), 1e-12)
 
 
+@pytest.mark.slow
 def test_a_segment_that_is_too_long_says_so():
     """The room is looked at going forward, before any gradient is asked for."""
     _, motion = final_height(P, hs.Replay(recompute=True, segment_steps=3))

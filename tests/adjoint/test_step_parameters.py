@@ -7,7 +7,7 @@ from jax import lax
 
 import hybridsens as hs
 from hybridsens import passes
-from hybridsens.adjoint.step import in_steps
+from hybridsens.adjoint.step import step_parameter_mask
 
 
 class Hidden(hs.AbstractScene):
@@ -52,7 +52,8 @@ HIDDEN = Hidden(*jnp.ones((5,)))
 )
 def test_steps_know_the_parameters_of_the_flow(scene, inside, monkeypatch):
     told = []
-    monkeypatch.setattr(passes, "in_steps", lambda *given: told.append(in_steps(*given)) or told[-1])
+    listen = lambda *given: told.append(step_parameter_mask(*given)) or told[-1]
+    monkeypatch.setattr(passes, "step_parameter_mask", listen)
     start = hs.State([0.0], [1.0])
     cost = lambda scene: hs.simulate(scene, start, t1=1.0, throw=False).final.q[0]
     jax.eval_shape(jax.grad(cost), jax.tree.map(jnp.asarray, scene))

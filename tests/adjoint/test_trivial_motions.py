@@ -14,13 +14,16 @@ from tests.closeness import assert_close
 from tests.problems import trivial_motions as motions
 from tests.problems.trivial_cases import CASES, FORWARD, REPLAY, assert_right
 
+QUICK = {REPLAY: (motions.springs, motions.ball, motions.held), FORWARD: (motions.springs,)}
+"""Other scenes are in the slow suite."""
+
 
 def each_by_both():
-    """Every case by reverse and by forward mode; forward mode of other scenes than the springs in the slow suite."""
+    """Every case by reverse and by forward mode."""
     for case in CASES:
-        yield pytest.param(case, REPLAY, id=f"{case[0]}-{REPLAY}")
-        slow = [] if case[1] is motions.springs else [pytest.mark.slow]
-        yield pytest.param(case, FORWARD, id=f"{case[0]}-{FORWARD}", marks=slow)
+        for method in (REPLAY, FORWARD):
+            slow = [] if case[1] in QUICK[method] else [pytest.mark.slow]
+            yield pytest.param(case, method, id=f"{case[0]}-{method}", marks=slow)
 
 
 @pytest.mark.parametrize(("case", "method"), list(each_by_both()))

@@ -187,6 +187,7 @@ def test_a_peg_that_is_barely_struck_is_told():
     assert "event 0:0 closes at" in check.causes[0].reason
 
 
+@pytest.mark.slow
 def test_a_peg_that_is_barely_missed_is_found():
     """No event tells of it; a peg that is struck well is none."""
     missed, struck = (_grazes(Peg(y)) for y in (1 + 1e-6, 0.5))

@@ -77,6 +77,7 @@ def test_a_wrong_derivative_in_a_contact_is_found_at_its_events():
     assert [entry.parameter for entry in check.parameters if entry.verdict] == ["floor"]
 
 
+@pytest.mark.slow
 def test_an_adjoint_that_is_off_by_a_millionth_is_named(monkeypatch):
     """Forward sensitivities and differences agree; the adjoint's slope by the weight is wrong in the seventh digit."""
     right = check_gradient_module._gradient

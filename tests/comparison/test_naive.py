@@ -95,7 +95,7 @@ def test_fixed_steps_of_a_system_give_the_dose_that_comes_at_the_start():
     np.testing.assert_allclose(naive["blood"], exact["blood"], rtol=1e-2)
 
 
-@pytest.mark.parametrize("kind", [RimlessWheel, TwoTanks])
+@pytest.mark.parametrize("kind", [pytest.param(RimlessWheel, marks=pytest.mark.slow), TwoTanks])
 def test_a_transition_that_puts_another_guard_at_0_is_no_second_event(kind):
     """Where the next spoke strikes, the wheel stands at the angle at which the one uphill would: J within 1 %."""
     system = kind()

@@ -43,6 +43,7 @@ def scene():
     return ElasticStop(1.0, omega**2, 2 * zeta * omega, A, Omega, d, e)
 
 
+@pytest.mark.slow
 def test_errors_fall_with_the_tolerance_and_points_are_written_as_they_come(tmp_path, reference):
     """By replay and by the continuous costate each factor of 1000 in the tolerance gains at least 100 in the gradient.
 

@@ -65,6 +65,7 @@ def test_a_step_stays_straight(problem, damping, wanted):
     np.testing.assert_array_equal(geodesic, step)
 
 
+@pytest.mark.slow
 def test_fewer_iterations_in_a_curved_valley(monkeypatch):
     """Assert that the end of a canyon is reached in at most a fifth of the iterations of straight steps (55, 637)."""
 

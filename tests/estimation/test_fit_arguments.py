@@ -154,6 +154,7 @@ def test_a_study_is_known_by_its_data_and_by_what_is_not_fitted(change, same):
     assert (_study(**change) == _study()) == same
 
 
+@pytest.mark.slow
 def test_the_store_of_another_record_is_refused(tmp_path):
     """Assert that a fit goes on with its own file alone."""
     path, kept = tmp_path / "best.json", dict(parameters="slope", max_events=4, max_steps=64)

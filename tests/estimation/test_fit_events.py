@@ -111,6 +111,7 @@ class _Turning(AbstractHybridSystem):
         return 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contacts", [-1, 0])
 def test_times_of_located_comparisons_are_fitted(contacts):
     """Assert that x = place at place / speed gives the place, and that the report calls the event by its name."""

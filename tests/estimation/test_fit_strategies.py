@@ -34,6 +34,7 @@ def test_a_grown_fit_that_was_cut_short_goes_on_without_stages(record, near):
     assert rest.converged and {line.stage for line in rest.history} == {"full"}
 
 
+@pytest.mark.slow
 def test_a_horizon_reaches_to_where_the_motion_leaves_the_record():
     """Assert that a record that leaves the motion after sample 11 is followed until there, that one wild sample is
     passed over, that the least reach holds, and that a true record is followed to its end."""

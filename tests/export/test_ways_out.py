@@ -188,6 +188,7 @@ def test_a_file_of_another_origin_is_refused(motion, tmp_path):
         hs.load(tmp_path / "none.nc")
 
 
+@pytest.mark.slow
 def test_other_times_are_as_exact_as_the_motion(motion):
     """In any order and shape; the free flight of both balls has a closed form."""
     early = np.array([[0.3, 0.0], [0.1, 0.2]])

@@ -58,6 +58,21 @@ def test_it_moves_with_an_event_at_that_place(written):
     assert_close(jax.jacfwd(end)(PLACE, hs.ForwardSensitivities()), -2.0, 1e-12)
 
 
+class Waiting(Faster):
+    """The other guard lies below 0 and rises at the place, which is no event of its own."""
+
+    def guards(self, t, x, mode):
+        jumps = super().guards(t, x, mode)[self.written.index("jumps")]
+        return jnp.stack([jumps if name == "jumps" else x[0] - self.place for name in self.written])
+
+
+@pytest.mark.filterwarnings("ignore:`guards` must be smooth")
+def test_it_does_not_move_with_a_guard_that_rises_at_that_place():
+    """A guard that is watched again has no derivative of its time: forward gave 1.6 times, reverse 0 for it."""
+    motion = moved(Waiting, PLACE, "falls", "jumps", throw=False)
+    assert motion.status == hs.Status.guard_jumps and motion.events.count == 1
+
+
 class Later(hs.AbstractHybridSystem):
     """x' = 1 until the place, then -x: a guard that has no rate on either side of it, in x or in t."""
 

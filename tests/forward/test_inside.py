@@ -45,7 +45,7 @@ def test_nothing_is_found_in_a_step_that_a_glance_lets_through():
     for seed in range(10):
         far, found, h = glance_and_look(*random_steps(seed, CASES, GUARDS))
         assert 0.05 < jnp.mean(far) < 0.95
-        assert not jnp.any(far & found.ends_early)
+        assert not jnp.any(far & found.root_before_stop)
         assert not jnp.any(far & jnp.isfinite(found.t_root))
         assert not jnp.any(far & jnp.isfinite(found.split))
         assert not jnp.any(far & (found.on_guard | found.grazes | ~found.known))
@@ -75,10 +75,10 @@ def test_many_guards_are_looked_at_block_by_block():
         case = random_steps(seed, cases, guards)
         mixed = np.random.default_rng(seed).random((cases, guards)) < 0.05
         at_once, in_blocks = both_ways(mixed, *case)
-        for name in ("t_root", "ends_early", "grazes", "known"):
+        for name in ("t_root", "root_before_stop", "grazes", "known"):
             np.testing.assert_allclose(getattr(at_once, name), getattr(in_blocks, name), rtol=1e-14, err_msg=name)
         np.testing.assert_array_equal(np.isfinite(at_once.split), np.isfinite(in_blocks.split))
-        seen += [int(jnp.sum(what)) for what in (at_once.ends_early, jnp.isfinite(at_once.split))]
+        seen += [int(jnp.sum(what)) for what in (at_once.root_before_stop, jnp.isfinite(at_once.split))]
     assert np.all(seen > 20), seen  # the comparison was of something
 
 
@@ -102,9 +102,9 @@ def test_a_step_that_ends_on_guards_of_several_blocks_lands_on_the_one_that_fell
 
 def test_an_unknown_guard_in_one_block_splits_the_step_whatever_another_shows():
     step, resolution = one_step(3 * inside.BLOCK, g0=(-0.5, -1.5))
-    assert by_blocks(step, resolution).ends_early
+    assert by_blocks(step, resolution).root_before_stop
     found = by_blocks(step._replace(guard1=step.guard1.at[80].set(jnp.nan)), resolution)
-    assert not found.known and not found.ends_early and found.split == 0.5 and jnp.isinf(found.t_root)
+    assert not found.known and not found.root_before_stop and found.split == 0.5 and jnp.isinf(found.t_root)
 
 
 def test_a_guard_that_is_no_number_is_looked_at():

@@ -101,6 +101,7 @@ def test_times_in_any_order_and_outside_of_the_horizon():
     np.testing.assert_allclose(by_tau[6].sum(), of_all[1][6].sum(), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_time_at_the_start_is_a_corner():
     """Later it moves the switch, earlier it does not: the gradient is one of both slopes."""
     value, (by_tau, _) = batched_slopes(jnp.array([[0.0, 1.3]]), jnp.ones(1))
@@ -182,6 +183,7 @@ class Pulse(Switched):
         return self.tau + jnp.array([-0.03, 0.0, 0.03])
 
 
+@pytest.mark.slow
 def test_a_declared_pulse_is_found():
     """Free flight steps over it; declared times lead the steps there."""
 

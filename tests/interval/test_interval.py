@@ -1,5 +1,7 @@
 """Interval arithmetic holds what it claims: every sampled value lies within the bounds."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -80,8 +82,10 @@ def jets(numbers, low, width):
     return made
 
 
-def bounds(function):
+@functools.cache
+def bounds(name):
     """Compiled: bounds of f, f', f'' along a stretch; and their values at a place."""
+    function = FUNCTIONS[name]
     trace = jax.make_jaxpr(function)(0.0, 0.0)
 
     def enclosed(x, y):
@@ -96,17 +100,12 @@ def bounds(function):
     return jax.jit(enclosed), jax.jit(lambda numbers, s: jax.vmap(along(numbers))(s))
 
 
-COMPILED = {}
-
-
 @pytest.mark.parametrize("name", FUNCTIONS)
 @settings(max_examples=40, deadline=None, derandomize=True, phases=[Phase.generate])
 @given(numbers=st.lists(st.floats(-1.5, 1.5), min_size=8, max_size=8), low=st.floats(0, 1), power=st.integers(0, 20))
 def test_values_and_derivatives_lie_within_their_bounds(name, numbers, low, power):
     """Along cubics in s, stretches of length 1 to 1e-6; where bounds of a derivative are unknown, none is claimed."""
-    if name not in COMPILED:
-        COMPILED[name] = bounds(FUNCTIONS[name])
-    enclosed, along = COMPILED[name]
+    enclosed, along = bounds(name)
     parts = enclosed(*jets(numbers, low, 2.0**-power))
     values = np.asarray(along(jnp.array(numbers), low + 2.0**-power * jnp.linspace(0, 1, SAMPLES)))
     for order, (part, samples) in enumerate(zip(parts, values.T, strict=True)):
@@ -121,7 +120,7 @@ def test_values_and_derivatives_lie_within_their_bounds(name, numbers, low, powe
 def test_bounds_close_in_on_a_short_stretch(name):
     """The range of f over a stretch of 1e-6 is no wider than 1e-4: bounds that are too wide would prove nothing."""
     numbers = [0.3, 0.4, -0.2, 0.1, -0.7, 0.5, 0.3, -0.6]
-    jet = bounds(FUNCTIONS[name])[0](*jets(numbers, 0.2, 1e-6))
+    jet = bounds(name)[0](*jets(numbers, 0.2, 1e-6))
     assert jet[0].high - jet[0].low < 1e-4
     assert jet[2].high - jet[2].low < 1e-2
 

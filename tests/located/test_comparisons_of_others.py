@@ -27,6 +27,7 @@ class PulseWidth(hybridsens.AbstractHybridSystem):
         return x, mode
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error::hybridsens.DiscontinuityWarning")
 def test_a_remainder_of_time_ticks():
     """Until t = 2 there are three pulses of length 0.35 * 0.7 and two and a part teeth; a tick ends a tooth, and

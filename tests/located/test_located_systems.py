@@ -139,6 +139,7 @@ def test_a_motion_that_slides_along_a_jump_is_refused():
         hybridsens.solve(Sliding(), 0.5, t1=1.0)
 
 
+@pytest.mark.slow
 def test_what_no_comparison_of_numbers_tells_is_warned_of_still():
     class Sorted(Spring):
         def flow(self, t, x, mode):
@@ -148,6 +149,7 @@ def test_what_no_comparison_of_numbers_tells_is_warned_of_still():
         moved(Sorted(4.0, -1.0, 0.3), throw=False)
 
 
+@pytest.mark.slow
 def test_a_bound_at_infinity_is_never_met():
     class Bounded(Spring):
         def flow(self, t, x, mode):

@@ -72,7 +72,7 @@ def expected():
 
 
 @pytest.mark.parametrize("way", ["reverse", pytest.param("forward", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("function", [from_closures, from_a_closed_over_cost])
+@pytest.mark.parametrize("function", [from_closures, pytest.param(from_a_closed_over_cost, marks=pytest.mark.slow)])
 def test_closed_over_values_are_differentiated(function, way, expected):
     """Mass matrix, force, gap, restitution and running cost made from a traced value, in reverse and forward mode."""
     adjoint, derivative = (hs.Replay(), jax.grad) if way == "reverse" else (hs.ForwardSensitivities(), jax.jacfwd)

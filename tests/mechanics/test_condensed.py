@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from hybridsens.interval.kind import Kind, kinds
 from hybridsens.mechanics.condensed import CondensedScene, condensed
@@ -19,6 +20,7 @@ def at_random(scene):
     return T, jnp.asarray(q), jnp.asarray(v)
 
 
+@pytest.mark.slow
 def test_a_scene_of_energies_is_condensed_and_stays_the_same():
     scene = as_energies(ENERGIES, BY_HAND())
     t, q, v = at_random(BY_HAND())

@@ -65,6 +65,7 @@ def test_an_impact_lifts_a_body_off_a_held_contact():
     assert not any(closed(motion.trajectory))
 
 
+@pytest.mark.slow
 def test_orthogonal_walls_are_struck_at_once():
     """In a corner of orthogonal walls impacts commute, so that value and derivative exist: x(2) = -e (x0 + 2 v)."""
     corner = [([1.0, 0.0, 0.0], 0.0), ([0.0, 1.0, 0.0], 0.0)]

@@ -105,6 +105,7 @@ def test_a_held_body_is_not_carried_round_an_edge(scene, settings, tolerance):
     assert_close(motion.final.v, [1.5, 0.0], 1e-12)
 
 
+@pytest.mark.slow
 def test_a_valley_of_one_gap_ends_the_motion_and_of_two_does_not():
     """The impact in the valley is an event of two gaps, and none of their minimum."""
     motion = run(Valley(jnp.array([9.81, 0.0])), [1.0, 0.6], [0.0, 0.0], 0.8, ts=TS)
@@ -113,6 +114,7 @@ def test_a_valley_of_one_gap_ends_the_motion_and_of_two_does_not():
     assert "two gaps" in hs.Status[motion.status]
 
 
+@pytest.mark.slow
 def test_a_rounded_edge_is_followed():
     """A body that is put on it slides down, and none of its energy is lost."""
     scene = RoundedRoof(jnp.array([9.81, 0.5]))

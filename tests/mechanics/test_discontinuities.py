@@ -147,6 +147,7 @@ def test_one_warning_names_function_operation_input_and_remedy():
     assert "`gap`" not in text
 
 
+@pytest.mark.slow
 def test_a_gap_is_told_to_be_written_as_two():
     """And the force, whose maximum is one of parameters, is not mentioned."""
     with pytest.warns(hs.DiscontinuityWarning, match="`gap` must be smooth.*jnp.minimum of t and q.*one gap for each"):

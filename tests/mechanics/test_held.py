@@ -71,6 +71,7 @@ def loads():
     return weight, weight * part, frequency
 
 
+@pytest.mark.slow
 def test_every_release_is_found(loads):
     """Judged by the ends of the steps alone, one in twenty was missed, in silence."""
 

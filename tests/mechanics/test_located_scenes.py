@@ -46,6 +46,7 @@ def bumped(values, **options):
 AT = jnp.array([0.7, 20.0, 0.8])
 
 
+@pytest.mark.slow
 def test_an_impact_that_turns_a_comparison_is_followed_by_it_at_once():
     """Its bumper counts as switch 1, the direction of sliding as switch 0, and the clock of the cost as switch 2."""
     events = bumped(AT)[0].events

@@ -17,7 +17,7 @@ from jax.extend.core import JaxprEqn
 from .rewriting import Rewriting, calling, rewritten_by
 
 
-def in_step(function: Callable[..., Any], axes: Any) -> Callable[..., Any]:
+def lockstep(function: Callable[..., Any], axes: Any) -> Callable[..., Any]:
     """`jax.vmap(function, axes)`, for a function of PyTrees of arrays."""
     return jax.vmap(rewritten_by(_RowsSelected, function), axes)
 

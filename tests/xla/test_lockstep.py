@@ -9,7 +9,7 @@ from jax.extend.core import jaxprs_in_params
 
 import hybridsens as hs
 from hybridsens.xla import batches
-from hybridsens.xla.in_step import in_step
+from hybridsens.xla.lockstep import lockstep
 
 ROOM = 64
 
@@ -38,7 +38,7 @@ def test_each_element_stops_by_itself(axes):
     """Assert that each has its own record, although the loop goes on until the last is done."""
     x, until = jnp.array([1.5, 4.0, 200.0]), jnp.array([100.0, 9.0, 50.0])
     x, until = (given if axis == 0 else given[0] for given, axis in zip((x, until), axes, strict=True))
-    record, last, count = in_step(powers, axes)(x, until)
+    record, last, count = lockstep(powers, axes)(x, until)
     for place in range(3):
         alone = powers(*(given if axis is None else given[place] for given, axis in zip((x, until), axes, strict=True)))
         np.testing.assert_array_equal(record[place], alone[0])
@@ -49,7 +49,7 @@ def test_a_row_is_selected_and_not_the_record():
     """Assert that JAX alone selects the record, so that the test can tell."""
     x = jnp.array([1.5, 4.0])
     of = lambda batch: selections(jax.make_jaxpr(batch)(x, x).jaxpr)
-    assert (2, ROOM) in of(jax.vmap(powers)) and (2, ROOM) not in of(in_step(powers, 0))
+    assert (2, ROOM) in of(jax.vmap(powers)) and (2, ROOM) not in of(lockstep(powers, 0))
 
 
 @pytest.mark.slow
@@ -59,7 +59,7 @@ def test_a_motion_selects_rows(way, monkeypatch):
     jax.clear_caches()
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     if way == "of JAX":
-        monkeypatch.setattr(batches, "in_step", jax.vmap)
+        monkeypatch.setattr(batches, "lockstep", jax.vmap)
     ball = hs.scenes.BouncingBall()
     height = lambda h: hs.simulate(ball, hs.State(h[None], jnp.zeros(1)), t1=1.0, max_events=4, max_steps=70).final.q[0]
     found = selections(jax.make_jaxpr(jax.vmap(jax.grad(height)))(jnp.array([1.0, 0.4, 2.0])).jaxpr)
