@@ -17,7 +17,7 @@ from .adjoint.segment_steps import recomputed_steps, recorded_steps
 from .adjoint.step import step_parameter_mask
 from .adjoint.steps_back import BackwardPass
 from .flat_system import AbstractFlatSystem, Mode
-from .forward.record import Motion, empty_motion
+from .forward.record import Motion, empty_motion, first_moment
 from .forward.sampling import past_coincidences, sample_states
 from .forward.segment_loop import run_segments
 from .forward.solver import TERM, FlowSize, RunSettings, flow_size
@@ -58,8 +58,14 @@ class BackwardOptions(NamedTuple):
 @eqx.filter_jit  # in a batch it is traced for an element and for its way back: looked up then
 def go_forward(problem: Problem, options: Options) -> tuple[Motion, Float[Array, "sample state"] | None]:
     """A motion and its samples, None where none are asked for."""
+    problem = _past_start(problem)
     motion = _forward_pass(problem, options)
     return motion, _samples(problem, options, motion)
+
+
+def _past_start(problem: Problem) -> Problem:
+    """The problem as it begins behind a jump time at t0: what the flow was before that is not asked."""
+    return problem._replace(t0=first_moment(problem.system, problem.t0))
 
 
 def _forward_pass(problem: Problem, options: Options) -> Motion:
@@ -112,6 +118,7 @@ def _follow(problem: Problem, options: Options, motion: Motion) -> Motion:
 @_follow.def_jvp
 def _follow_jvp(primals, tangents):
     problem, options, motion = primals
+    problem = _past_start(problem)
     if options.settings.segment_steps is not None:
         raise NotImplementedError(
             "Forward mode and second derivatives need recorded steps, which Replay(recompute=True) does not keep: use "
@@ -133,6 +140,7 @@ def go_back(
     problem: Problem, options: Options, backward_options: BackwardOptions, motion: Motion, cotangent: Observables
 ) -> Problem:
     """Cotangents of the problem from those of what is reported of its motion."""
+    problem = _past_start(problem)
     motion = _follow(problem, options, motion)  # for forward over reverse
     backward = _backward_pass(problem, options, backward_options.adjoint, motion, cotangent)
     perturbed_ends = backward_options.t0_perturbed, backward_options.t1_perturbed

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from ..forward.record import Event, Motion, recorded_event, segment, segment_end, where_reached
+from ..forward.record import Event, Motion, last_moment, recorded_event, segment, segment_end, where_reached
 from ..observables import filled
 from ..xla.packed import pack
 from .control import FORESEEN
@@ -63,7 +63,8 @@ def pull_back(
     total, psi, by_t0 = _through_start(backward, motion, initial, total, or_nan(at.psi), t0_perturbed)
     by_t1 = jnp.zeros_like(t1)
     if t1_perturbed:
-        by_t1 = where_reached(motion, backward.cotangent.final @ system.flow(t1, motion.x, motion.mode))
+        flow = system.flow(last_moment(motion, t1), motion.x, motion.mode)
+        by_t1 = where_reached(motion, backward.cotangent.final @ flow)
     return total, psi, by_t0, by_t1
 
 

@@ -20,6 +20,7 @@ from ..forward.record import (
     StepRecord,
     after_jump,
     is_jump,
+    last_moment,
     recorded_event,
     segment,
     segment_end,
@@ -109,7 +110,7 @@ def push_forward(forward: ForwardPass, motion: Motion, initial, t1, tangents) ->
     room = motion.steps.t.shape[0] - 2  # as `empty_steps` has it
     resolved = (pushed.tries < forward.control.most_tries) & (pushed.steps.count <= room)
     dx = jnp.where(resolved, pushed.dx, jnp.nan)
-    final = dx + forward.system.flow(t1, motion.x, motion.mode) * dt1
+    final = dx + forward.system.flow(last_moment(motion, t1), motion.x, motion.mode) * dt1
     tangent, last = pushed.tangent, pushed.steps.count
     tangent = tangent._replace(
         final=final, steps_t=write(tangent.steps_t, dt1, last), steps_x=write(tangent.steps_x, final, last)

@@ -215,6 +215,20 @@ def segment_end(motion: Motion, j) -> Float[Array, ""]:
     return jnp.where(j < events.count, time, motion.t)
 
 
+def first_moment(system: AbstractFlatSystem, t0) -> Float[Array, ""]:
+    """t0; behind it where it is a jump time, so that the motion begins with the flow after that."""
+    times = system.jump_times()
+    if times is None:
+        return t0
+    starts_there = jnp.any(times.astype(t0.dtype) == t0)
+    return t0 + lax.stop_gradient(jnp.where(starts_there, after_jump(t0) - t0, 0))
+
+
+def last_moment(motion: Motion, t1) -> Float[Array, ""]:
+    """t1; behind it where a jump time there was passed, so that the flow is that after it."""
+    return t1 + lax.stop_gradient(jnp.maximum(motion.t - t1, 0))
+
+
 def where_reached(motion: Motion, by_t1: Array) -> Array:
     """A derivative by t1, which is 0 where the motion broke off: the instant at which it did is held fixed."""
     return jnp.where(motion.status.reached_end, by_t1, 0)

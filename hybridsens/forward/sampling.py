@@ -20,7 +20,8 @@ from .tangent import push
 
 
 def past_coincidences(system: AbstractFlatSystem, motion: Motion, ts: Float[Array, "sample"]) -> Float[Array, "sample"]:
-    """`ts`, where one at which a jump time and an event fall together becomes the first moment after both.
+    """`ts`, where one at which a jump time and an event fall together becomes the first moment after both, and one at
+    a jump time that the motion starts at becomes its start.
 
     While the clock passes a jump time nothing is recorded, and the event may stand on either side of it: at the time
     itself the state after it would not be found."""
@@ -39,8 +40,13 @@ def past_coincidences(system: AbstractFlatSystem, motion: Motion, ts: Float[Arra
         after = steps.t[jnp.clip(last, 0, steps.count)]
         return jnp.where(coincide, jnp.maximum(after - t, 0), 0)
 
-    later = lax.stop_gradient(ts + jax.vmap(moved)(ts))
+    later = lax.stop_gradient(jnp.maximum(ts + jax.vmap(moved)(ts), _start(motion)))
     return ts + lax.stop_gradient(lax.cummax(later) - ts)  # in the order in which they came
+
+
+def _start(motion: Motion):
+    """Where the motion began. The clock of one that has not begun stands there."""
+    return jnp.where(motion.steps.count > 0, motion.steps.t[0], motion.t)
 
 
 def sample_states(

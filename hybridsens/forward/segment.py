@@ -103,11 +103,12 @@ def next_known(system: AbstractFlatSystem, motion: Motion, t1) -> KnownTime:
 
 
 def _next_jump(system: AbstractFlatSystem, t, t1) -> KnownTime | None:
-    """The first jump time after t. The clock stands behind the one that was passed last, which is not found again."""
+    """The first jump time after t; one at t1 is passed too. The clock stands behind the one that was passed last, which
+    is not found again."""
     times = system.jump_times()
     if times is None or times.shape[0] == 0:
         return None
-    later = jnp.where((times > t) & (times < t1), times, jnp.inf)
+    later = jnp.where((times > t) & (times <= t1), times, jnp.inf)
     first = jnp.argmin(later)
     time = later[first].astype(t.dtype)
     stop = jnp.where(jnp.isfinite(time), before_jump(time), jnp.inf)  # there is no moment before inf
