@@ -65,6 +65,7 @@ def test_no_spike_is_lost_or_doubled(t0):
     assert_close(second.final, np.full(second.final.shape, 2 - 2 * np.exp(3 * np.log(2) - 2.5)), near)
 
 
+@pytest.mark.slow
 @CLOCKS
 def test_the_end_of_a_motion_at_an_impact_begins_another(t0):
     """It was refused as a penetration by as much as the ball moves within what the clock can tell."""

@@ -98,7 +98,7 @@ class _Laws(NamedTuple):
         v_after = v + geometry.mobility @ impulse
         _, rate = gap_and_rate(self.scene, t, q, v_after)
         acceleration = gap_acceleration(self.scene, geometry, t, q, v_after)
-        candidates, limit = self.at_event.closed, self.rest_speed
+        candidates, limit = self.at_event.closed, jnp.maximum(self.rest_speed, self._speed_below_zero())
         if not self.one_contact:
             settle_speed = self._settle_speed(acceleration.held(geometry, last.selection.active))
             candidates = jnp.where(turn == Turn.TOGETHER, impacting, candidates)
@@ -109,6 +109,12 @@ class _Laws(NamedTuple):
         if not self.one_contact:
             brought_to_rest = self._brought_to_rest(turn, last, selection, rate)
         return Impact(plastic, support, brought_to_rest, v_after, selection)
+
+    def _speed_below_zero(self):
+        """Of contacts that are chosen anew, as at the start: up to this rate one whose gap is below zero by rounding
+        falls back before it comes to zero, and would never be seen to leave."""
+        depth, falls = jnp.maximum(-self.at_event.gap, 0), jnp.maximum(-self.at_event.gap_acceleration, 0)
+        return jnp.where(self.at_event.impacting, 0, jnp.sqrt(2 * falls * depth))
 
     def _settle_speed(self, accelerations):
         """Below it a neighbour that is kicked off falls back at once, at these accelerations of the gaps."""

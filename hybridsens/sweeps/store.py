@@ -8,6 +8,8 @@ status is there; any other tile is computed again and overwritten.
 import contextlib
 import itertools
 import math
+import os
+import tempfile
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -109,13 +111,34 @@ def open_or_create(
     """
     found = _state(location)
     if found is None or found == {"digest": digest}:  # nothing, or killed while it was made
-        _create(location, digest, layout, coordinates, edges, attributes)
+        _create_at_once(location, lambda place: _create(place, digest, layout, coordinates, edges, attributes))
     elif found != {"digest": digest, "state": _READY}:
         raise ValueError(
             f"`store` must be a new place or the store of this very sweep, but {location} belongs to something else: "
             "other points, another cost, other settings or another version of JAX. Choose another place or remove it."
         )
-    return ZarrStore(location)
+    store = ZarrStore(location)
+    with _intact(location):
+        for name in layout:
+            store.arrays[name]
+    return store
+
+
+def _create_at_once(location, create) -> None:
+    """Where the store is a folder it is made beside its place and moved there whole: of two processes that begin one
+    sweep together the second goes on in the store of the first."""
+    if not isinstance(location, str | Path) or "://" in str(location):
+        create(location)
+        return
+    if Path(location).is_dir() and any(Path(location).iterdir()):
+        create(location)
+        return
+    path = Path(location)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as beside:
+        create(Path(beside) / path.name)
+        with contextlib.suppress(OSError):  # there is one by now
+            os.replace(Path(beside) / path.name, path)
 
 
 def _state(location) -> dict | None:

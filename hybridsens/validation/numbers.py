@@ -11,7 +11,9 @@
 """
 
 import dataclasses
+import decimal
 import functools
+import numbers
 import re
 import warnings
 from typing import Any
@@ -33,7 +35,7 @@ def numbers_to_arrays(module: Any) -> None:
     Raises: TypeError for a list that is none of numbers, for text, and for nothing at all."""
     for field in dataclasses.fields(module):
         value, declared = getattr(module, field.name, None), str(field.type)
-        number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+        number = isinstance(value, numbers.Real | decimal.Decimal) and not isinstance(value, bool)
         listed = isinstance(value, list | tuple) and not _CONTAINER.search(declared)
         missing = isinstance(value, str) or (value is None and not _MAY_BE_NONE.search(declared))
         if (number or listed or missing) and _ARRAY.search(declared) and not _OF_INTEGERS.search(declared):

@@ -162,6 +162,16 @@ def test_sustained_contact_does_not_drift():
     assert_close(trajectory.final.q, start, 1e-5)
 
 
+def test_a_body_that_rises_too_slowly_to_leave_is_at_rest():
+    """It begins below the floor by rounding, and would fall back before it is above it: no step could tell."""
+    depths, speeds = jnp.meshgrid(-jnp.logspace(-17, -14, 4), jnp.logspace(-13, -8, 6))
+    start = hs.State(depths.reshape(-1, 1), speeds.reshape(-1, 1))
+    run = lambda state: hs.simulate(BouncingBall(), state, t1=0.5, max_events=4, max_steps=64, throw=False)
+    motions = jax.jit(jax.vmap(run))(start)
+    assert jnp.all(motions.status == hs.Status.successful) and jnp.all(motions.mode)
+    assert_close(motions.final.q, np.zeros((24, 1)), 1e-14, scale=1.0)
+
+
 def test_rest_forgets_the_past_exactly():
     """After capture a ball is where the floor is: derivatives are exactly 1 by the floor and 0 by everything else."""
     _, jacobian, trajectory = motions.solve(BouncingBall(restitution_coefficient=0.7), 1e-10, 3.0)

@@ -22,6 +22,7 @@ def marks(trajectory):
     return trajectory.events.order_matters[: int(trajectory.events.count)].tolist()
 
 
+@pytest.mark.slow
 def test_a_corner_hit_exactly_is_marked():
     """Both walls close at t = 1, and the impulse of one changes the rate at the other."""
     normal = np.array(ACUTE[1][0])[:2]

@@ -102,6 +102,7 @@ def test_a_motor_between_bumpers_has_the_closed_form():
     assert_true(Cart, cart_rates, 2, CART, True, ("reverse", "forward"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [3e-7, 1e-12])
 def test_a_switch_just_before_an_impact_is_resolved(apart):
     """Threshold and bumper lie so near that both events come almost at once."""
@@ -147,6 +148,7 @@ def test_a_kick_against_a_held_contact_is_an_impact_at_once():
     assert int(mode["count"]) == 1 and not closed[0] and np.isclose(float(events.impulse[1, 0]), 1.6 * 2.0)
 
 
+@pytest.mark.slow
 def test_a_switch_that_lifts_a_held_contact_lets_it_go():
     """Without restitution the kick changes nothing; the thrust lifts the ball at once, and its end lets it fly on."""
     scene = Hopper(*map(jnp.asarray, (9.81, 30.0, 2.0, 0.0)), jnp.array([0.2, 0.5, 0.6]))

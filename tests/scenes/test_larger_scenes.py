@@ -101,6 +101,7 @@ def cost_of(scene, t1):
     return value_and_grad(scene, t1)[0][0]
 
 
+@pytest.mark.slow
 def test_the_last_ball_of_a_cradle_rises_as_high_as_the_first_one_fell():
     """At half a period, up to the clearance; energy to rounding."""
     scene = NewtonsCradle(4, clearance=1e-6)

@@ -157,6 +157,7 @@ def test_of_two_posts_the_nearer_one_is_met():
     assert_close(motion.events.time[0], 0.4 - 1e-4 * np.sqrt(np.log(1 / height(0.4))), 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [1e-1, 1e-5])
 def test_a_pulse_in_time_is_met(length):
     """2 exp(-((t - 0.3) / p)^2) reaches the bead where it is 1 + y."""

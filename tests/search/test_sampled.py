@@ -88,6 +88,7 @@ def roll(of, **settings):
 WAYS = {"guards": (run, r"Guards \[0\] are read from"), "switches": (roll, r"Switches \[1\] are read from")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["guards", pytest.param("switches", marks=pytest.mark.slow)])
 def test_what_is_sampled_is_told(name):
     """But for a longest step that is given: then the dip is met at AT - WIDTH."""
@@ -111,6 +112,7 @@ QUICK = ("table",)
 """The bounds of each of these functions have tests of their own."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in BOUNDED]
 )

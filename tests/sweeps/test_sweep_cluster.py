@@ -25,6 +25,7 @@ def make_cost():
     return cost
 
 
+@pytest.mark.slow
 def test_a_killed_workers_chunks_run_again_elsewhere(tmp_path):
     """Assert that every point is there and right, at double precision, though a worker was killed in the middle."""
     axis = np.linspace(1.0, 2.0, 12)

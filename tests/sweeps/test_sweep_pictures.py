@@ -68,6 +68,7 @@ def test_a_map_of_one_count_has_one_tick_and_a_logarithmic_one_both_ends():
     assert (shown[2][0], shown[2][-1]) == ("1e-09", "9") and 4 < len(shown[2]) < 9
 
 
+@pytest.mark.slow
 def test_a_bifurcation_diagram_shows_period_one_where_the_motion_repeats():
     """Assert that without impacts the state once a period is the linear oscillator's, also on the picture."""
 

@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 import zarr
 
-from hybridsens.sweeps import grid, random, status_counts, sweep
+from hybridsens.sweeps import grid, random, status_counts, store, sweep
 from hybridsens.sweeps.engine import Engine
 
 SCENE = {"a": jnp.array(1.0), "b": jnp.array(2.0)}
@@ -99,6 +99,21 @@ def test_a_chunk_without_its_status_is_computed_again(swept, tmp_path):
     (tmp_path / "sweep.zarr/status/c/1").unlink()
     zarr.open_group(tmp_path / "sweep.zarr")["J"][2:] = 7.0
     np.testing.assert_array_equal(swept([1, 2, 3, 4]).J, [2, 4, 6, 8])
+
+
+def test_of_two_that_begin_together_the_second_goes_on_in_the_store_of_the_first(swept, tmp_path, monkeypatch):
+    """The other one makes its store, and finishes a chunk, while this one makes its own: both crashed, for good."""
+    create = store._create
+
+    def create_while_another_does(place, *of_the_sweep):
+        create(tmp_path / "sweep.zarr", *of_the_sweep)
+        group = zarr.open_group(tmp_path / "sweep.zarr")
+        group["J"][:2], group["status"][:2] = 7.0, 0
+        create(place, *of_the_sweep)
+
+    monkeypatch.setattr(store, "_create", create_while_another_does)
+    np.testing.assert_array_equal(swept([1, 2, 3, 4]).J, [7, 7, 6, 8])
+    assert [path.name for path in tmp_path.iterdir()] == ["sweep.zarr"]
 
 
 def test_a_store_killed_while_it_was_made_is_made_again(swept, tmp_path):

@@ -22,6 +22,7 @@ def third_spike_by(tau, w):
     return tau * np.sum(np.log(current / (current - 1)))
 
 
+@pytest.mark.slow
 def test_a_sweep_of_a_system():
     """Values, derivatives, events and states of a grid, under the names of the system's parameters and leaves."""
 
@@ -108,6 +109,7 @@ def test_a_fit_of_a_system(seen):
     assert "units" not in found.to_xarray().time.attrs
 
 
+@pytest.mark.slow
 def test_growth_of_a_system():
     """A thermostat's deviations die at its second switch, since its temperature there is the threshold itself."""
     room = Thermostat(*(jnp.array(p) for p in (0.3, 10.0, 9.0, 18.0, 22.0)))

@@ -3,6 +3,8 @@
 import math
 import warnings
 from collections.abc import Callable
+from decimal import Decimal
+from fractions import Fraction
 
 import equinox as eqx
 import jax
@@ -85,7 +87,10 @@ def told(call, *arguments) -> list[str]:
     return [str(warning.message) for warning in caught]
 
 
-@pytest.mark.parametrize("number", [10, 10.0, np.float32(10), np.int64(10)], ids=lambda number: type(number).__name__)
+NUMBERS = [10, 10.0, np.float32(10), np.int64(10), Fraction(10), Decimal(10)]
+
+
+@pytest.mark.parametrize("number", NUMBERS, ids=lambda number: type(number).__name__)
 def test_a_number_in_the_field_of_an_array_is_a_real_array(number):
     """Of any sort, given or by default, under a declaration of any sort."""
     ball = Ball(number)

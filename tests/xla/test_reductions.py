@@ -106,6 +106,7 @@ def test_of_many_numbers_or_with_a_large_result_it_is_left_to_the_compiler(funct
     assert str(jax.make_jaxpr(rewritten(function))(x)) == str(jax.make_jaxpr(function)(x))
 
 
+@pytest.mark.slow
 def test_a_gradient_has_hardly_a_reduction_left():
     """It had 74."""
     scene = hs.scenes.StackedBalls()
