@@ -139,7 +139,13 @@ def _diffrax_step(solver, adjoint: diffrax.AbstractAdjoint, system, mode, t0, t1
 def costate_equation(step: RecordedStep, psi, *, rtol, atol, state: str) -> StepBack:
     """psi' = -f_x^T psi, and dJ/dtheta gathers f_theta^T psi, from t1 down to t0 (T7).
 
-    `state`: whether the motion on the way back comes from the "recorded" step or is itself integrated "backward"."""
+    `state`: whether the motion on the way back comes from the "recorded" step or is itself integrated "backward".
+    Raises: NotImplementedError for a complex parameter."""
+    if any(jnp.iscomplexobj(leaf) for leaf in jax.tree.leaves(step.parameters)):
+        raise NotImplementedError(
+            "ContinuousCostate() must have real parameters, but one that the motion depends on is complex: use "
+            "Replay(), or give its real and its imaginary part."
+        )
 
     def state_at(t, x):
         return x if state == "backward" else step.advance(step.parameters, step.x0, t)

@@ -92,6 +92,20 @@ class Damped(hs.AbstractScene):
         return jnp.zeros(1)
 
 
+class Complex(Damped):
+    """The damping is that of a complex number's size."""
+
+    def force(self, t, q, v):
+        return -jnp.abs(self.damping) * v
+
+
+def test_a_costate_refuses_a_complex_parameter():
+    """Its equation was refused by JAX, in words about the types of arrays."""
+    end = lambda scene: hs.simulate(scene, hs.State([0.0], [1.0]), t1=1.0, adjoint=hs.ContinuousCostate()).final.q[0]
+    with pytest.raises(NotImplementedError, match="must have real parameters"):
+        jax.grad(end)(Complex(jnp.array(3.0 + 4.0j)))
+
+
 @pytest.mark.slow
 def test_a_state_that_cannot_be_integrated_backward_is_warned_of():
     """An implicit solver takes steps of many times 1/c: backward, errors grow by e^(c h). With c = 1 all is well.
