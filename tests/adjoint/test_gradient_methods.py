@@ -99,6 +99,7 @@ class Complex(Damped):
         return -jnp.abs(self.damping) * v
 
 
+@pytest.mark.filterwarnings("ignore:Complex dtype support")  # Diffrax's own, of any complex number
 def test_a_costate_refuses_a_complex_parameter():
     """Its equation was refused by JAX, in words about the types of arrays."""
     end = lambda scene: hs.simulate(scene, hs.State([0.0], [1.0]), t1=1.0, adjoint=hs.ContinuousCostate()).final.q[0]
