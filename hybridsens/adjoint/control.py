@@ -88,6 +88,7 @@ class DerivativeControl(eqx.Module):
     def _of_leaf(self, parameter, gathered, error, peak):
         if parameter.size == 0:
             return jnp.zeros_like(peak)
+        gathered = jnp.real(gathered)  # sizes, in the type of the parameter, which may be complex
         most = jnp.max(gathered)
         ratio = _largest_ratio(jnp.abs(error), gathered + FLOOR * most)
         reach = jnp.maximum(jnp.max(jnp.abs(parameter)), 1)

@@ -100,11 +100,14 @@ class Complex(Damped):
 
 
 @pytest.mark.filterwarnings("ignore:Complex dtype support")  # Diffrax's own, of any complex number
-def test_a_costate_refuses_a_complex_parameter():
-    """Its equation was refused by JAX, in words about the types of arrays."""
-    end = lambda scene: hs.simulate(scene, hs.State([0.0], [1.0]), t1=1.0, adjoint=hs.ContinuousCostate()).final.q[0]
+def test_a_complex_parameter_has_its_gradient_and_is_refused_by_a_costate():
+    """q(1) = (1 - e^-c) / c with c = |z|, whose gradient is conj(z) / c in JAX's convention. The costate's equation was
+    refused by JAX, in words about the types of arrays; that of `Replay` took a complex number for a real size."""
+    run = lambda scene, adjoint: hs.simulate(scene, hs.State([0.0], [1.0]), t1=1.0, adjoint=adjoint).final.q[0]
+    scene, by_c = Complex(jnp.array(3.0 + 4.0j)), (6 * np.exp(-5.0) - 1) / 25
+    np.testing.assert_allclose(jax.grad(run)(scene, hs.Replay()).damping, by_c * (3 - 4j) / 5, rtol=1e-6)
     with pytest.raises(NotImplementedError, match="must have real parameters"):
-        jax.grad(end)(Complex(jnp.array(3.0 + 4.0j)))
+        jax.grad(run)(scene, hs.ContinuousCostate())
 
 
 @pytest.mark.slow
