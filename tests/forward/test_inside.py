@@ -48,7 +48,7 @@ def test_nothing_is_found_in_a_step_that_a_glance_lets_through():
         assert not jnp.any(far & found.root_before_stop)
         assert not jnp.any(far & jnp.isfinite(found.t_root))
         assert not jnp.any(far & jnp.isfinite(found.split))
-        assert not jnp.any(far & (found.on_guard | found.grazes | ~found.known))
+        assert not jnp.any(far & (found.on_guard | found.grazes | ~found.finite))
         assert not jnp.any(far & (found.to_go < 0.1 * h))  # a step that was to end on an event fell short of it
 
 
@@ -104,7 +104,7 @@ def test_an_unknown_guard_in_one_block_splits_the_step_whatever_another_shows():
     step, resolution = one_step(3 * inside.BLOCK, g0=(-0.5, -1.5))
     assert by_blocks(step, resolution).root_before_stop
     found = by_blocks(step._replace(guard1=step.guard1.at[80].set(jnp.nan)), resolution)
-    assert not found.known and not found.root_before_stop and found.split == 0.5 and jnp.isinf(found.t_root)
+    assert not found.finite and not found.root_before_stop and found.split == 0.5 and jnp.isinf(found.t_root)
 
 
 def test_a_guard_that_is_no_number_is_looked_at():
