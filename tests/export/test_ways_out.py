@@ -83,10 +83,12 @@ def test_a_print_is_not_spoilt_by_a_tiny_number(motion):
 
 
 def test_a_status_is_printed_with_its_name(motion):
-    """By which the reference lists it; a batch by how many have each of them, and a motion as its status."""
+    """By which the reference lists it; a batch by how many have each of them, and a motion as its status and when it
+    broke off."""
     short = hs.Status.max_events_reached
     assert str(short) == f"max_events_reached: {hs.Status[short]}" and "more events than" in hs.Status[short]
-    assert str(eqx.tree_at(lambda m: m.status, motion, short)).splitlines()[0] == f"status: {short}"
+    broken_off = eqx.tree_at(lambda m: m.status, motion, short)
+    assert str(broken_off).splitlines()[0] == f"status: {short} It broke off at t = 1."
     assert repr(hs.Status.successful) == "Status<successful>"
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), short, hs.Status.successful, hs.Status.successful)
     assert str(batch) == "2 successful, 1 max_events_reached"
