@@ -83,8 +83,7 @@ def test_a_print_is_not_spoilt_by_a_tiny_number(motion):
 
 
 def test_a_status_is_printed_with_its_name(motion):
-    """By which the reference lists it; a batch by how many have each of them, and a motion as its status and when it
-    broke off."""
+    """By which the reference lists it; a batch by how many have each, a motion with the time at which it broke off."""
     short = hs.Status.max_events_reached
     assert str(short) == f"max_events_reached: {hs.Status[short]}" and "more events than" in hs.Status[short]
     broken_off = eqx.tree_at(lambda m: m.status, motion, short)

@@ -75,7 +75,7 @@ def test_many_guards_are_looked_at_block_by_block():
         case = random_steps(seed, cases, guards)
         mixed = np.random.default_rng(seed).random((cases, guards)) < 0.05
         at_once, in_blocks = both_ways(mixed, *case)
-        for name in ("t_root", "root_before_stop", "grazes", "known"):
+        for name in ("t_root", "root_before_stop", "grazes", "finite"):
             np.testing.assert_allclose(getattr(at_once, name), getattr(in_blocks, name), rtol=1e-14, err_msg=name)
         np.testing.assert_array_equal(np.isfinite(at_once.split), np.isfinite(in_blocks.split))
         seen += [int(jnp.sum(what)) for what in (at_once.root_before_stop, jnp.isfinite(at_once.split))]
