@@ -86,7 +86,7 @@ def _zeros(tree: Any):
 def _costate_at_end(backward: BackwardPass, motion: Motion) -> BackwardState:
     """psi = J_x of the final state; nothing gathered yet.
 
-    Samples that are the final state are met by the first step at, as all others are. An event at the very end leaves
+    Samples that are the final state are met by the first step back, as all others are. An event at the very end leaves
     no step after it: there they are added here."""
     psi, samples_left = backward.cotangent.final, jnp.array(0)
     if backward.ts is not None and backward.cotangent.samples is not None:

@@ -48,7 +48,7 @@ class BackwardPass(NamedTuple):
 
 
 class BackwardState(NamedTuple):
-    """Where a sweep stands: the at, the sums for dJ/dtheta, and what the error control remembers."""
+    """Where a sweep stands: the costate, the sums for dJ/dtheta, and what the error control remembers."""
 
     psi: Float[Array, "state"]
     """The costate itself."""
@@ -105,7 +105,7 @@ def through_steps(backward: BackwardPass, steps: SegmentSteps, end, at: Backward
 
 
 class TriedStep(NamedTuple):
-    """A step at, and what is made of it."""
+    """A step back, and what is made of it."""
 
     left: Float[Array, ""]
     """Where it ends."""
@@ -119,8 +119,10 @@ class TriedStep(NamedTuple):
     """Longest step to try next."""
     size: Float[Array, ""]
     """Of psi."""
-    at: BackwardState
-    """Where the sweep stood, with what the step adds gathered, and the largest size of psi."""
+    gathered: Any
+    """As in `BackwardState`, with what this step adds."""
+    peak: Float[Array, ""]
+    """The same, with this size."""
 
 
 def _try_step(backward: BackwardPass, steps: SegmentSteps, place: BackwardPlace, at: BackwardState) -> TriedStep:
@@ -131,27 +133,26 @@ def _try_step(backward: BackwardPass, steps: SegmentSteps, place: BackwardPlace,
     go = lambda: _carry_back(backward, steps.mode, left, place.right, x0, at.psi)
     step = computed_once(at.tries >= 0, go)  # always true, which XLA cannot foresee
     gathered = jax.tree.map(lambda known, new: known + jnp.abs(new), at.gathered, step.total)
-    at = at._replace(gathered=gathered)
-    judge = lambda: _judge(backward, x0, at, step, h, place.width)
+    judge = lambda: _judge(backward, x0, at._replace(gathered=gathered), step, h, place.width)
     accepted, width, size, peak = computed_once(at.tries >= 0, judge)
     finest = h <= time_resolution(place.right, 2)  # cannot be cut: two data times may coincide
     width = jnp.where(finest, place.width, width)
-    return TriedStep(
-        left, is_data, reaches_start, step, accepted | finest, width, size, at._replace(peak=peak)
-    )
+    return TriedStep(left, is_data, reaches_start, step, accepted | finest, width, size, gathered, peak)
 
 
 def _carried_on(backward: BackwardPass, at: BackwardState, tried: TriedStep) -> BackwardState:
-    """The costate after a step that is accepted."""
+    """Where the sweep stands after a step that is accepted."""
     step = tried.step
     total = jax.tree.map(jnp.add, at.total, step.total)
     psi, samples_left = _add_data(backward, tried.is_data, step.psi, at.samples_left)
     worst = at.worst
     if step.total_error is not None:
-        counts = ~is_noise(tried.size, tried.at.peak)
+        counts = ~is_noise(tried.size, tried.peak)
         larger = lambda known, new: jnp.maximum(known, (counts * jnp.abs(new)).astype(new.dtype))
         worst = jax.tree.map(larger, worst, step.total_error)
-    return tried.at._replace(psi=psi, total=total, worst=worst, samples_left=samples_left)
+    return at._replace(
+        psi=psi, total=total, gathered=tried.gathered, worst=worst, peak=tried.peak, samples_left=samples_left
+    )
 
 
 def _next_place(steps: SegmentSteps, end, place: BackwardPlace, tried: TriedStep) -> BackwardPlace:

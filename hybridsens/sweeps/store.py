@@ -127,18 +127,19 @@ def open_or_create(
 def _create_at_once(location, create) -> None:
     """Where the store is a folder it is made beside its place and moved there whole: of two processes that begin one
     sweep together the second goes on in the store of the first."""
-    if not isinstance(location, str | Path) or "://" in str(location):
+    is_path = isinstance(location, str | Path) and "://" not in str(location)
+    path = Path(location) if is_path else Path()
+    if not is_path or (path.is_dir() and any(path.iterdir())):
         create(location)
         return
-    if Path(location).is_dir() and any(Path(location).iterdir()):
-        create(location)
-        return
-    path = Path(location)
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as beside:
         create(Path(beside) / path.name)
-        with contextlib.suppress(OSError):  # there is one by now
+        try:
             os.replace(Path(beside) / path.name, path)
+        except OSError:
+            if not path.exists():  # else that of the other process
+                raise
 
 
 def _state(location) -> dict | None:
