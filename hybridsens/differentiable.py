@@ -40,8 +40,8 @@ def differentiable_motion(problem: Problem, options: Options, adjoint: AbstractG
     """
     problem = problem._replace(system=TracedOnce(problem.system))
     # JAX names the mesh that it finds where it traces a derivative rule. What it traced without a name would be traced
-    # again there.
-    with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
+    # again there. Under `jax.disable_jit` a motion is compiled all the same: the primitives below are of traces.
+    with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()), jax.disable_jit(False):
         if not adjoint.reverse_mode:
             return _move(problem, options)[0]
         return (_solve_in_any_mode if adjoint.forward_mode else _solve_in_reverse)(problem, options, adjoint)
@@ -178,4 +178,5 @@ def _from_record(function: Callable, asked: tuple, record: Record, given: Any, d
         return partial(from_kept, full_batched=full_batched) if short_batched or full_batched else run_again
 
     mapped = Mapped(element, unbatched, choice, frozenset({3} if directions else ()))
-    return mapped(dynamic, *record, given).result
+    with jax.disable_jit(False):
+        return mapped(dynamic, *record, given).result

@@ -75,6 +75,15 @@ def test_batched_values_are_unbatched_values():
         assert batch.steps.accepted[lane] == single.steps.accepted
 
 
+@pytest.mark.slow
+def test_a_motion_is_compiled_under_disable_jit_too():
+    """Where a user looks for a mistake elsewhere, step by step."""
+    with jax.disable_jit():
+        value, by_p = jax.value_and_grad(height)(P)
+    assert_close(value, exact(P), 1e-9)
+    assert_close(by_p, jax.grad(exact)(P), 1e-9)
+
+
 def test_one_compilation_serves_any_number_of_events():
     """Parameters with none, one and two events, and other horizons: traced once, compiled once."""
     traced = []
