@@ -12,6 +12,7 @@ from ..mechanics.smoothness import REMEDIES
 from ..mechanics.trajectory import Events
 from ..status import Status
 from .check_events import OTHER_EVENTS, EventCheck
+from .check_finite import without_derivative
 from .check_grazing import grazes
 from .check_motions import Call
 
@@ -39,8 +40,8 @@ class Cause(NamedTuple):
     """One likely cause of a doubt."""
 
     kind: str
-    """"step control", "motion", "discontinuity", "grazing", "simultaneous impacts", "event at a data time",
-    "other events" or "unexplained"."""
+    """"no derivative", "step control", "motion", "discontinuity", "grazing", "simultaneous impacts",
+    "event at a data time", "other events" or "unexplained"."""
     parameters: tuple[str, ...]
     """In which parameters it is to be looked for."""
     events: tuple[str, ...]
@@ -71,6 +72,10 @@ def find_causes(
 
     `resolved` has the parameters that are off the reference, and whether the steps resolve the derivative there.
     """
+    is_nan = any(np.isnan((entry.adjoint, entry.forward)).any() for entry in parameters if entry.verdict)
+    nowhere = [_no_derivative(parameters, events, n, call) for n, call in enumerate(calls)] if is_nan else []
+    if causes := tuple(cause for cause in nowhere if cause is not None):
+        return causes
     # Where a guard jumps there is no derivative that shorter steps would bring.
     jumps = any(call.status == Status.guard_jumps for call in calls)
     steps = () if jumps else tuple(name for name, ok in resolved.items() if not ok)
@@ -83,6 +88,22 @@ def find_causes(
         others = [cause for n, call in enumerate(calls) for cause in _of_motion(doubts, n, call, settings)]
         causes += others or _elsewhere(doubts, resolved)
     return tuple(causes)
+
+
+def _no_derivative(parameters: Sequence[ParameterCheck], events: Sequence[EventCheck], n: int, call: Call):
+    """The cause of a nan, where a function of the motion has no finite derivative."""
+    found = without_derivative(call)
+    if not found:
+        return None
+    names = tuple(entry.parameter for entry in parameters if entry.verdict)
+    labels = tuple(entry.label for entry in events if entry.verdict and entry.motion == n)
+    told = ", ".join(f"`{name}` at t = {time:.6g}" for name, time in found)
+    reason = f"a function whose derivative is not finite where the motion comes: {told}"
+    remedy = (
+        "make it finite there; `jnp.linalg.norm(v)` and `jnp.sqrt(v @ v)` have none at v = 0, "
+        "`jnp.sqrt(v @ v + 1e-30)` has"
+    )
+    return Cause("no derivative", names, labels, reason, remedy)
 
 
 def _step_control(names: tuple[str, ...]) -> Cause:
