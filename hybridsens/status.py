@@ -49,8 +49,8 @@ class Status(eqx.Module):
     )
     non_finite = outcome(
         "a state, its flow, a guard or its rate, or a known time is not finite. Look at these and at the running "
-        "cost, and at their derivatives, at the last time reached (that of `jnp.linalg.norm(v)` is nan at v = 0, that of "
-        "`jnp.sqrt(v @ v + 1e-30)` is 0; that of `jnp.where` is nan where that of the branch that was not taken is)."
+        "cost, and at their derivatives, at the last time reached (that of `jnp.linalg.norm(v)` is nan at v = 0, that "
+        "of `jnp.sqrt(v @ v + 1e-30)` is 0; that of `jnp.where` is nan where that of the branch that was not taken is)."
     )
     grazing = outcome(
         "the motion reached its end, but touched or missed an event so narrowly that the tolerances cannot tell "

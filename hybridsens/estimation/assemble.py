@@ -20,13 +20,12 @@ from .iterate import iterate
 from .least_squares import at_minimum, compressed, linearise
 from .motions import event_rows
 from .optimizers import Method
+from .parameters import Selection
 from .problem import Problem, predict
 from .result import FitResult
+from .sizes import EXACT, largest_datum
 from .starts import Starts
 from .uncertainty import Noise, Uncertainty, uncertainty, with_held
-
-_EXACT = 1e-7
-"""Residuals of so small a part of the data's range are errors of the computation (its tolerance is 1e-8), no noise."""
 
 
 def build_result(
@@ -38,7 +37,7 @@ def build_result(
     values = np.asarray(selection.to_values(last.z))
     minimised = by_parameters(method, problem, last.z)
     held = held_on_bound(problem, values, *minimised, data.sigmas_known)
-    arrived = held.any() and last.stopped in UNFINISHED and others_at_minimum(values, *minimised, held)
+    arrived = held.any() and last.stopped in UNFINISHED and others_at_minimum(selection, values, *minimised, held)
     measured = data.values.size + data.event_times.size
     squared = by_parameters(method, plain(problem), last.z) if np.isfinite(problem.robust) else minimised
     r, jacobian = (rows[:measured] for rows in squared)
@@ -72,22 +71,15 @@ def _knowledge(problem: Problem, data: Measurements, values, r, jacobian, held) 
     known, free = np.isfinite(np.concatenate([np.ravel(data.values), data.event_times])), ~held
     rounding = 0.0 if data.sigmas_known else _rounding(data, jacobian.dtype)
     scale = np.asarray(problem.selection.scale)[free]
-    noise = Noise(data.sigmas_known, float(problem.robust), _largest(data), rounding, scale)
+    noise = Noise(data.sigmas_known, float(problem.robust), largest_datum(data), rounding, scale)
     labels, weight = np.array(problem.selection.labels)[free].tolist(), np.asarray(problem.prior.weight)[free]
     return with_held(uncertainty(labels, values[free], r[known], jacobian[known][:, free], weight, noise), held)
-
-
-def _largest(data: Measurements) -> float:
-    """The largest datum in sigmas, to measure by what rounding of the Jacobian is."""
-    sigmas = 1.0 if data.sigmas is None else data.sigmas
-    parts = (np.ravel(data.values / sigmas), data.event_times / data.event_sigmas)
-    return float(np.nanmax(np.abs(np.concatenate(parts))))
 
 
 def _rounding(data: Measurements, dtype) -> float:
     """How large residuals of exact data may be: some digits more than motions are computed with, of the data's range,
     or of the data themselves where they all are one number."""
-    return float(max(_EXACT, 10 * np.finfo(dtype).eps) * (data.spread or np.nanmax(np.abs(data.values))))
+    return float(max(EXACT, 10 * np.finfo(dtype).eps) * (data.spread or np.nanmax(np.abs(data.values))))
 
 
 def _in_units(r: np.ndarray, data: Measurements) -> tuple[np.ndarray, np.ndarray]:
@@ -138,12 +130,12 @@ def held_on_bound(problem: Problem, values, r, jacobian, sigmas_given: bool) -> 
     return below | above
 
 
-def others_at_minimum(values, r, jacobian, held: Bool[np.ndarray, "parameter"]) -> bool:
+def others_at_minimum(selection: Selection, values, r, jacobian, held: Bool[np.ndarray, "parameter"]) -> bool:
     """Whether the parameters that are not held are at a minimum, if those held stay where they are."""
     if held.all():
         return True
     p = np.asarray(values)[~held]
-    size = np.where(p == 0, 1.0, np.abs(p))
+    size = np.where(p == 0, np.asarray(selection.scale)[~held], np.abs(p))
     short, slope = compressed(jnp.asarray(r), jnp.asarray(jacobian[:, ~held] * size))
     return bool(at_minimum(short, slope, jnp.asarray(p / size), r.size))
 

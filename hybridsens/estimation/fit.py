@@ -18,7 +18,7 @@ from ..waiting import waiting
 from . import prepare
 from .assemble import build_result
 from .data import Measurements
-from .descend import Callbacks, GuessFailed, Iteration, Limits, Run, descend
+from .descend import INTERRUPTED, Callbacks, GuessFailed, Iteration, Limits, Run, descend
 from .growing import Growing
 from .horizon import GrowingHorizon
 from .iterate import BatchSize
@@ -26,7 +26,8 @@ from .optimizers import Method, chosen_method
 from .parameters import Bounds
 from .problem import Problem
 from .result import FitResult
-from .starts import RandomStarts, Starts, descend_from_all, spread_starts
+from .sizes import with_sizes
+from .starts import RandomStarts, descend_from_all, spread_starts
 from .store import Store, study_digest
 from .tables import read_measurements
 
@@ -86,8 +87,8 @@ def fit(
     - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an
       Optimistix Gauss-Newton solver, or any Optax optimizer.
     - `strategy`: `GrowingHorizon()` for long or chaotic motions.
-    - `starts`: descend from so many points around the guess, in one compiled run, and go on from the best: a number, or
-      `RandomStarts(count, spread, seed)`.
+    - `starts`: descend from so many points around the guess, and go on from the best: a number, or
+      `RandomStarts(count, spread, seed)`. After Ctrl-C the best of those that have finished is returned.
     - `max_iterations`: the most iterations; `patience`: how many may pass without improvement.
     - `progress`: print a line for every iteration, and how long compiling takes before the first; or a
       function that is called with every `Iteration`, and stops the fit by returning True. Ctrl-C ends it too. The best
@@ -112,30 +113,37 @@ def fit(
     unknowns = prepare.Unknowns(parameters, bounds, priors)
     problem = prepare.build_problem(scene, measured, unknowns, experiment, robust)
     keeper = None if store is None else Store(Path(store), problem.selection, study_digest(problem, measured))
-    guess = problem.selection.from_values(problem.selection.values(problem.scene))
     kept = None if keeper is None else keeper.read()
-    z = guess if kept is None else problem.selection.from_values(kept)
-    plain, several = chosen_method(optimizer), None
+    plain, several, interrupted = chosen_method(optimizer), None, False
     method = Growing(plain, strategy) if strategy is not None else plain
     with ExitStack() as until_first_line:
         until_first_line.enter_context(waiting("compiling", bool(progress)))
         listener = _listener(progress, until_first_line.close)
+        problem = with_sizes(method, problem, measured)
+        keeper = None if keeper is None else keeper._replace(selection=problem.selection)
         callbacks = Callbacks(listener, keeper, BatchSize() if listener is None else BatchSize(1))
+        guess = problem.selection.from_values(problem.selection.values(problem.scene))
+        z = guess if kept is None else problem.selection.from_values(kept)
         if starts.count > 1 and kept is None:
-            several, z = _from_many(method, problem, spread_starts(problem, z, starts), max_iterations)
-            method = plain
-        descents = _to_the_end(method, problem, z, Limits(max_iterations, patience), callbacks)
+            tell = _start_teller(progress, starts.count, until_first_line.close)
+            zs = spread_starts(problem, z, starts)
+            several, interrupted = descend_from_all(method, problem, zs, max_iterations, tell)
+            z, method = several.z[_best(several.loss)], plain
+        if interrupted:
+            descents = [_report(plain, problem, z, callbacks, INTERRUPTED)]
+        else:
+            descents = _to_the_end(method, problem, z, Limits(max_iterations, patience), callbacks)
     with waiting("compiling intervals", bool(progress)):
         return _even_if_interrupted(lambda: build_result(method, problem, measured, guess, descents, several))
 
 
-def _from_many(method: Method | Growing, problem: Problem, zs, max_iterations: int) -> tuple[Starts, Array]:
-    several = descend_from_all(method, problem, zs, max_iterations)
-    if not bool(jnp.any(jnp.isfinite(several.loss))):
+def _best(losses: Array) -> Array:
+    """Which of the starts ended lowest."""
+    if not bool(jnp.any(jnp.isfinite(losses))):
         raise GuessFailed(
-            f"At least one of the {zs.shape[0]} starts must have a motion that reaches its end, but none has."
+            f"At least one of the {losses.size} starts must have a motion that reaches its end, but none has."
         )
-    return several, several.z[jnp.argmin(several.loss)]
+    return jnp.argmin(losses)
 
 
 def _own_arguments() -> tuple[str, ...]:
@@ -148,8 +156,13 @@ def _to_the_end(method: Method | Growing, problem: Problem, z, limits: Limits, c
     first = descend(method, problem, z, limits, callbacks)
     if first.whole:
         return [first]
-    last = _even_if_interrupted(lambda: descend(method, problem, first.z, Limits(0, 1), callbacks, stages=False))
-    return [first, last._replace(stopped=first.stopped)]
+    return [first, _report(method, problem, first.z, callbacks, first.stopped)]
+
+
+def _report(method: Method | Growing, problem: Problem, z, callbacks: Callbacks, stopped: str) -> Run:
+    """No descent, only what one that ended by hand in a stage or a start is reported by: the whole problem at z."""
+    last = _even_if_interrupted(lambda: descend(method, problem, z, Limits(0, 1), callbacks, stages=False))
+    return last._replace(stopped=stopped)
 
 
 def _even_if_interrupted(work: Callable[[], Any]) -> Any:
@@ -171,6 +184,17 @@ def _listener(
     def hear(line: Iteration) -> Any:
         compiled()
         return told(line)
+
+    return hear
+
+
+def _start_teller(progress: bool | Callable[[Iteration], Any], count: int, compiled: Callable[[], None]):
+    """Who hears of a start that has ended; a function hears of iterations alone."""
+
+    def hear(number: int, loss: float) -> None:
+        compiled()
+        if progress is True:
+            print(f"start {number} of {count:<4}  loss {loss:<12.6g}", flush=True)
 
     return hear
 

@@ -201,7 +201,7 @@ def near_minimum(r, jacobian, z, n: int) -> Bool[Array, ""]:
 
 def _offset_and_step(r, jacobian, z, n: int) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Bates and Watts' relative offset, |r in the tangent plane| / |r across it| per degree of freedom; and the
-    largest entry of the Gauss-Newton step relative to the largest of z, or to 1."""
+    largest entry of the Gauss-Newton step, each relative to that of z, or to 1."""
     p = jacobian.shape[1]
     u, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
     seen = s > 1e-10 * s[0]
@@ -209,7 +209,7 @@ def _offset_and_step(r, jacobian, z, n: int) -> tuple[Float[Array, ""], Float[Ar
     across = jnp.maximum(jnp.sum(r**2) - jnp.sum(inside**2), 0)
     offset = jnp.sqrt(jnp.sum(inside**2) / p / (across / max(n - p, 1) + jnp.finfo(r.dtype).tiny))
     step = vt.T @ (inside / jnp.where(seen, s, 1))
-    return offset, jnp.max(jnp.abs(step)) / (1 + jnp.max(jnp.abs(z)))
+    return offset, jnp.max(jnp.abs(step) / (1 + jnp.abs(z)))
 
 
 class _Linear(eqx.Module):

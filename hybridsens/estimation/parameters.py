@@ -41,7 +41,7 @@ class Selection(eqx.Module):
     upper: Float[Array | np.ndarray, "parameter"]
     """Upper bounds, inf where there is none."""
     scale: Float[Array | np.ndarray, "parameter"]
-    """Size of a parameter, from the guess."""
+    """Size of a parameter, from the guess; where that is 0 it is 1, or what `sizes.py` finds."""
 
     def values(self, scene) -> Float[Array, "parameter"]:
         """The fitted numbers of a scene."""

@@ -1,5 +1,6 @@
-"""Many starts in one compiled run: each descends by itself, the best of them all is what the fit goes on from."""
+"""Many starts: each descends by itself, the best of them all is what the fit goes on from."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -53,16 +54,31 @@ def spread_starts(problem: Problem, z, starts: RandomStarts) -> Float[Array, "st
     return jnp.stack([z, *(selection.from_values(row) for row in values)])
 
 
-@eqx.filter_jit
 def descend_from_all(
-    method: Method | Growing, problem: Problem, zs: Float[Array, "start unknown"], iterations: int
-) -> Starts:
-    """All starts in one compiled call: on a CPU one after the other, elsewhere all at once.
+    method: Method | Growing, problem: Problem, zs: Float[Array, "start unknown"], iterations: int,
+    tell: Callable[[int, float], None],
+) -> tuple[Starts, bool]:  # fmt: skip
+    """All starts, and whether Ctrl-C ended them: then those that had finished, of which there is one at least.
 
-    On a CPU a batch that waits for its slowest element would do several times the work.
+    On a CPU they run one after the other, since a batch that waits for its slowest element would do several times the
+    work, and `tell` hears of each with its loss; elsewhere all at once.
     """
-    from_one = lambda z: _descend(method, problem, z, iterations)
-    return lax.map(from_one, zs) if jax.default_backend() == "cpu" else jax.vmap(from_one)(zs)
+    if jax.default_backend() != "cpu":
+        return _descend_at_once(method, problem, zs, iterations), False
+    found: list[Starts] = []
+    try:
+        for number, z in enumerate(zs, 1):
+            found.append(jax.block_until_ready(_descend(method, problem, z, iterations)))
+            tell(number, float(found[-1].loss))
+    except KeyboardInterrupt:
+        if not found:
+            raise
+    return jax.tree.map(lambda *rows: jnp.stack(rows), *found), len(found) < len(zs)
+
+
+@eqx.filter_jit
+def _descend_at_once(method: Method | Growing, problem: Problem, zs, iterations: int) -> Starts:
+    return jax.vmap(lambda z: _descend(method, problem, z, iterations))(zs)
 
 
 class _Running(NamedTuple):
@@ -79,6 +95,7 @@ class _Running(NamedTuple):
     ended: Bool[Array, ""]
 
 
+@eqx.filter_jit
 def _descend(method: Method | Growing, problem: Problem, z, iterations: int) -> Starts:
     arrays, static = eqx.partition(method.begin(z), eqx.is_array)
 

@@ -1,10 +1,14 @@
 """The best point of a fit on disk, so that a fit that was killed goes on from it; and what tells one fit from another:
 its measurements, and the numbers of its model that are not fitted."""
 
+import contextlib
+import dataclasses
 import hashlib
 import json
 import os
 import uuid
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,8 +39,11 @@ class Store(NamedTuple):
         try:
             draft.write_text(json.dumps(kept, indent=2) + "\n")
             os.replace(draft, self.path)
+        except OSError as error:  # the fit itself is worth more
+            warnings.warn(f"{self.path} cannot be written ({error.strerror}). The fit goes on.", stacklevel=2)
         finally:
-            draft.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                draft.unlink(missing_ok=True)
 
     def read(self) -> np.ndarray | None:
         """Values of the parameters; None if there is no file yet.
@@ -79,23 +86,41 @@ class Store(NamedTuple):
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float)
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def study_digest(problem: Problem, measured: Measurements) -> str:
-    """A digest of the measurements, of the name of the model's class, of its numbers that are not fitted, of a given
-    initial state and mode, and of t0.
+    """A digest of the measurements, of the name of the model's class, of its numbers that are not fitted and of its
+    static ones, of a given initial state and mode, and of t0.
 
     The guess is not in it, nor bounds, priors and settings: a fit may go on under others. Functions are not compared.
     """
     fitted = set(problem.selection.positions)
     fixed = [leaf for place, leaf in enumerate(jax.tree.leaves(problem.scene)) if place not in fitted]
-    digest = hashlib.sha256(repr((type(problem.scene).__qualname__, problem.selection.labels, measured.names)).encode())
+    static = tuple(_static_numbers(problem.scene))
+    names = type(problem.scene).__qualname__, problem.selection.labels, measured.names, static
+    digest = hashlib.sha256(repr(names).encode())
     for leaf in jax.tree.leaves((measured, fixed, problem.start, problem.t0)):
         if _is_numeric(leaf):
             array = np.asarray(leaf)
             digest.update(f"{array.dtype} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def _static_numbers(part: Any) -> Iterator[tuple[str, Any]]:
+    """Names and values of a model's static fields, those that say what they are."""
+    if isinstance(part, eqx.Module):
+        for field in dataclasses.fields(part):
+            value = getattr(part, field.name, None)
+            if not field.metadata.get("static", False):
+                yield from _static_numbers(value)
+            elif jax.tree.all(jax.tree.map(lambda leaf: isinstance(leaf, int | float | str), value)):
+                yield field.name, value
+    elif isinstance(part, list | tuple):
+        for member in part:
+            yield from _static_numbers(member)
+    elif isinstance(part, dict):
+        yield from _static_numbers(list(part.values()))
 
 
 def _is_numeric(leaf: Any) -> bool:

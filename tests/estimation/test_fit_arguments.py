@@ -3,6 +3,7 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
 
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -91,6 +92,7 @@ def test_a_number_of_starts_may_be_one_of_numpy(count):
         ("[1]", r"names and numbers that a fit wrote, but .*best.json has \[1\]"),
         ('{"slope": 1.0}', r"that a fit wrote, but .*best.json has \{'slope': 1.0\}"),
         ('{"values": {"slope": "a"}, "study": ""}', r"names and numbers .*best.json has \{'values': \{'slope': 'a'\}"),
+        ('{"values": {"slope": true}, "study": ""}', r"and numbers .*best.json has \{'values': \{'slope': True\}"),
         ('{"values": {"top": 1.0}, "study": ""}', r"the same parameters \('slope',\), but .*best.json has \('top',\)"),
         ('{"values": {"slope": 1.0}, "study": ""}', "of the same study, but .*best.json is of other measurements"),
         ('{"values": {"slope": -1.0}, "study": "STUDY"}', r"within its bounds \[0.0, inf\], but is -1.0"),
@@ -133,6 +135,12 @@ class _OtherSawtooth(Sawtooth):
     """By another name."""
 
 
+class _Bent(Sawtooth):
+    """With a number that is static."""
+
+    power: int = eqx.field(static=True, default=1)
+
+
 @pytest.mark.parametrize(
     ("change", "same"),
     [
@@ -152,6 +160,19 @@ def test_a_study_is_known_by_its_data_and_by_what_is_not_fitted(change, same):
     """Assert that a fit may go on from another guess or with bounds, but not with other measurements, another model,
     another fixed parameter or another beginning."""
     assert (_study(**change) == _study()) == same
+
+
+def test_a_study_is_known_by_its_static_numbers():
+    """Assert that a fit does not go on with another model of the same class: it ended in another minimum."""
+    assert _study(guess=_Bent(2.0, 1.0)) == _study(guess=_Bent(3.0, 1.0, power=1))
+    assert _study(guess=_Bent(2.0, 1.0)) != _study(guess=_Bent(2.0, 1.0, power=2))
+
+
+def test_a_fit_goes_on_without_a_store_that_cannot_be_written(tmp_path):
+    """Assert that a folder that is gone is told of: the best point in memory was lost."""
+    store = Store(tmp_path / "gone" / "best.json", select(GUESS, "slope"), "this one")
+    with pytest.warns(UserWarning, match="best.json cannot be written .* The fit goes on"):
+        store.write(np.array([1.0]))
 
 
 @pytest.mark.slow

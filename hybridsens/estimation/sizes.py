@@ -1,0 +1,51 @@
+"""How large a parameter is whose guess is 0: what it does to the residuals tells, and no unit."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from .data import Measurements
+from .growing import Growing
+from .iterate import iterate
+from .optimizers import Method
+from .problem import Problem
+
+EXACT = 1e-7
+"""Residuals of so small a part of the data's range are errors of the computation (its tolerance is 1e-8), no noise."""
+
+
+def largest_datum(data: Measurements) -> float:
+    """In sigmas, to measure by what is rounding."""
+    sigmas = 1.0 if data.sigmas is None else data.sigmas
+    parts = (np.ravel(data.values / sigmas), data.event_times / data.event_sigmas)
+    return float(np.nanmax(np.abs(np.concatenate(parts))))
+
+
+def with_sizes(method: Method | Growing, problem: Problem, data: Measurements) -> Problem:
+    """The problem, with the sizes of those parameters without bounds whose guess is 0.
+
+    1 of their unknown moves the residuals by as much as these are at the guess, where the most effective entry of an
+    array speaks for all of it. An optimizer that uses no Jacobian is not given one for this, and none is known where
+    the motion fails; there the size stays 1, as it does where there is nothing left to move.
+    """
+    selection = problem.selection
+    guess = np.asarray(selection.values(problem.scene))
+    unknown = (guess == 0) & np.isinf(selection.lower) & np.isinf(selection.upper)
+    if not unknown.any() or not method.least_squares:
+        return problem
+    done = iterate(method, problem, method.begin(selection.from_values(guess), stages=False), 1, 1)
+    r, jacobian = (np.asarray(part) for part in done.linearised)
+    if done.outcomes[0].trial.failed or not np.linalg.norm(r) > EXACT * largest_datum(data):
+        return problem
+    effect = _of_arrays(problem, np.where(unknown, np.linalg.norm(jacobian[:, : guess.size], axis=0), 0))
+    known = unknown & (effect > 0)
+    scale = np.where(known, selection.scale * np.linalg.norm(r) / np.where(known, effect, 1), selection.scale)
+    return dataclasses.replace(problem, selection=dataclasses.replace(selection, scale=scale))
+
+
+def _of_arrays(problem: Problem, effect) -> Float[np.ndarray, "parameter"]:
+    """The largest of each array, in the place of all its entries."""
+    sizes = [int(np.prod(shape)) for shape in problem.selection.shapes]
+    parts = np.split(effect, np.cumsum(sizes)[:-1])
+    return np.concatenate([np.full(part.size, np.max(part, initial=0)) for part in parts])
