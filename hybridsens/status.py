@@ -65,7 +65,8 @@ class Status(eqx.Module):
     event_repeats = outcome(
         "an event happened again at the instant at which it had just happened, and would for ever. Where switches "
         "chatter, set their thresholds apart. Where a motion slides along a threshold or a comparison, as dry friction "
-        "at rest does, give the system a mode that slides."
+        "at rest does, or its events accumulate, as those of a ball that comes to rest, give the system a mode for "
+        "what comes after."
     )
     scheduled_time_moves = outcome(
         "a scheduled time changes between events, so it is not known before it comes. Make it from parameters, the "

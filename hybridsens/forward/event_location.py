@@ -27,6 +27,10 @@ LEAST_SEARCHED = 1 / 64
 Else the step is kept, and the motion counts as grazing; if no guard can graze, the step is cut at this fraction."""
 
 
+CRAWL = 32
+"""A motion that takes so many of the shortest steps in a row gets nowhere."""
+
+
 class LocatorState(eqx.Module):
     """Memory between the steps of one segment."""
 
@@ -53,6 +57,8 @@ class LocatorState(eqx.Module):
     """Whether the guard that the last step ended on has jumped below zero, without falling."""
     finite: Bool[Array, ""]
     """Whether the last candidate was finite."""
+    crawled: Int[Array, ""]
+    """How many steps in a row were of the shortest length that time resolves."""
 
 
 class Verdict(NamedTuple):
@@ -99,7 +105,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
         no, yes = jnp.array(False), jnp.array(True)
         state = LocatorState(
             inner, self.record, jnp.where(start.leaving, 0, jnp.maximum(start.guard, 0)), rate, start.noise,
-            jnp.array(0), first_step, self.rejected, jnp.array(-1), no, no, yes,
+            jnp.array(0), first_step, self.rejected, jnp.array(-1), no, no, yes, jnp.array(0),
         )  # fmt: skip
         return t1, state
 
@@ -149,6 +155,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
             grazing=state.grazing | (accurate & inside.grazes),
             jumped=inside.jumps,
             finite=jnp.all(jnp.isfinite(y1_candidate)) & inside.finite,
+            crawled=jnp.where(keep, jnp.where(h <= time_resolution(t0, 1), state.crawled + 1, 0), state.crawled),
         )
         # A step of a few units of the last place is as long once more, by rounding, and would fail for ever.
         again = ~accurate & ~(next_t1 < t1)
@@ -176,7 +183,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
         R = diffrax.RESULTS
         tried, kept = state.record.count + state.rejected, state.record.count - self.record.count
         full = ((tried >= self.max_steps) | (kept >= self.segment_steps)) & (next_t0 < self.stop)
-        stuck = again | (~keep & ~(next_t1 - next_t0 > time_resolution(next_t0, -1)))
+        stuck = again | (~keep & ~(next_t1 - next_t0 > time_resolution(next_t0, -1))) | (state.crawled >= CRAWL)
         result = R.where(landed, R.event_occurred, R.successful)
         result = R.where(stuck, R.dt_min_reached, result)
         return R.where(full, R.max_steps_reached, result)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..flat_system import START, AbstractFlatSystem
 from ..status import Status
 from .clip_floor import short_clip_floor
-from .event_location import EventLocator, LocatorState
+from .event_location import CRAWL, EventLocator, LocatorState
 from .guards import first_to_fall, guards_at_start
 from .record import Motion, before_jump, jump_number
 from .solver import TERM, Stepper
@@ -73,7 +73,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
         rejected=state.rejected,
         # At the beginning none is known yet (0): the error control finds one in the mode that is chosen there.
         first_step=jnp.where(motion.begun, state.free_step, motion.first_step),
-        status=Status.where(jnp.isnan(known.time), Status.non_finite, _status(solution.result, state.finite)),
+        status=Status.where(jnp.isnan(known.time), Status.non_finite, _status(solution.result, state)),
     )
     on_guard = ends_at_start | landed
     at_known_time = ~on_guard & (motion.status == Status.running) & jnp.isfinite(known.stop)
@@ -138,9 +138,12 @@ def guard_count(system: AbstractFlatSystem, motion: Motion) -> int:
     return jax.eval_shape(system.guards, motion.t, motion.x, motion.mode).shape[0]
 
 
-def _status(result, finite) -> Status:
+def _status(result, state: LocatorState) -> Status:
     R = diffrax.RESULTS
-    failure = Status.where(finite, Status.step_size_underflow, Status.non_finite)
+    # A guard that an event left below zero by rounding, and that does not come above it before it falls again.
+    too_slow = state.crawled >= CRAWL
+    failure = Status.where(too_slow, Status.event_repeats, Status.step_size_underflow)
+    failure = Status.where(state.finite, failure, Status.non_finite)
     failure = Status.where(result == R.max_steps_reached, Status.max_steps_reached, failure)
     ended = (result == R.successful) | (result == R.event_occurred)
     return Status.where(ended, Status.running, failure)
