@@ -72,12 +72,13 @@ def find_causes(
 
     `resolved` has the parameters that are off the reference, and whether the steps resolve the derivative there.
     """
-    is_nan = any(np.isnan((entry.adjoint, entry.forward)).any() for entry in parameters if entry.verdict)
-    nowhere = [_no_derivative(parameters, events, n, call) for n, call in enumerate(calls)] if is_nan else []
-    if causes := tuple(cause for cause in nowhere if cause is not None):
-        return causes
     # Where a guard jumps there is no derivative that shorter steps would bring.
     jumps = any(call.status == Status.guard_jumps for call in calls)
+    is_nan = any(np.isnan((entry.adjoint, entry.forward)).any() for entry in parameters if entry.verdict)
+    if is_nan and not jumps:
+        found = [_no_derivative(parameters, events, n, call) for n, call in enumerate(calls)]
+        if causes := tuple(cause for cause in found if cause is not None):
+            return causes
     steps = () if jumps else tuple(name for name, ok in resolved.items() if not ok)
     doubts = Doubts(
         tuple(entry.parameter for entry in parameters if entry.verdict and entry.parameter not in steps),

@@ -27,8 +27,8 @@ LEAST_SEARCHED = 1 / 64
 Else the step is kept, and the motion counts as grazing; if no guard can graze, the step is cut at this fraction."""
 
 
-CRAWL = 32
-"""A motion that takes so many of the shortest steps in a row gets nowhere."""
+CRAWL = 1024
+"""A motion that takes so many of the shortest steps in a row gets nowhere. Some come out of a few hundred of them."""
 
 
 class LocatorState(eqx.Module):

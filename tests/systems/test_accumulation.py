@@ -34,4 +34,4 @@ def test_impacts_that_accumulate_are_told(e, height):
     told = hs.Status.event_repeats, hs.Status.max_events_reached
     assert any(motion.status == status for status in told), str(motion.status)
     assert abs(motion.end_time - (2 * height / 9.81) ** 0.5 * (1 + e) / (1 - e)) < 1e-5
-    assert motion.steps.accepted + motion.steps.rejected < 2000
+    assert motion.steps.accepted + motion.steps.rejected < 4000  # room was left
