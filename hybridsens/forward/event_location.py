@@ -26,9 +26,9 @@ LEAST_SEARCHED = 1 / 64
 """Where a search is given up, the step is cut where the search got to, if that is at least this fraction of the step.
 Else the step is kept, and the motion counts as grazing; if no guard can graze, the step is cut at this fraction."""
 
-
 CRAWL = 1024
-"""A motion that takes so many of the shortest steps in a row gets nowhere. Some come out of a few hundred of them."""
+"""A motion that takes so many of the shortest steps in a row gets nowhere. Some are no sign of that: a guard
+that an event left below zero by rounding needs as many as it takes to rise by it."""
 
 
 class LocatorState(eqx.Module):

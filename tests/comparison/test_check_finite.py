@@ -28,6 +28,30 @@ class DraggedSmoothly(Dragged):
         return jnp.sqrt(v @ v + 1e-30)
 
 
+class Shuttle(hs.AbstractSwitchedScene):
+    """A cart that starts at rest under quadratic drag, and is driven back beyond 0.3."""
+
+    drag: jnp.ndarray = parameter(0.1)
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v, mode):
+        return jnp.where(mode, 1.0, -1.0)[None] - self.drag * jnp.linalg.norm(v) * v
+
+    def gap(self, t, q):
+        return q + 1
+
+    def restitution(self):
+        return jnp.array([0.5])
+
+    def switches(self, t, q, v, mode):
+        return jnp.where(mode, 0.3 - q, q + 0.3)
+
+    def switch(self, event, t, q, v, mode):
+        return v, ~mode
+
+
 class Halved(hs.AbstractHybridSystem):
     """A point that runs down to 1, and is set to 0 there, where its flow has no derivative afterwards."""
 
@@ -47,6 +71,10 @@ def fall(scene, simulate):
     return simulate(scene, hs.State([1.0], [0.0]), t1=0.6).final.q[0]
 
 
+def drive(scene, simulate):
+    return simulate(scene, hs.State([0.0], [0.0]), jnp.array(False), t1=2.0).final.q[0]
+
+
 def run_down(system, solve):
     return solve(system, jnp.array([2.0]), jnp.array(False), t1=1.5).final[0]
 
@@ -56,9 +84,10 @@ def run_down(system, solve):
     [
         (Dragged(), fall, [("force", 0.0)]),
         (DraggedSmoothly(), fall, []),
+        (Shuttle(), drive, [("force", 0.0)]),
         (Halved(), run_down, [("flow", pytest.approx(1.0))]),
     ],
-    ids=["scene", "smooth", "system"],
+    ids=["scene", "smooth", "switched scene", "system"],
 )
 def test_a_function_without_a_derivative_is_found(model, cost, places):
     parameters = flatten_parameters(model)
