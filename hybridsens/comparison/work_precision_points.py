@@ -1,8 +1,11 @@
 """What a work-precision study finds: its points, in a CSV file too, the best of them, and what to choose."""
 
+import contextlib
 import csv
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import uuid
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -108,9 +111,15 @@ def write_points(path: Path, points: Sequence[Point], reference: Reference, sett
     """Write all points in one move, so that a run that is killed leaves the whole file of one point before."""
     study = {REFERENCE: reference.value, GRADIENT: _along(reference.gradient)[0], SETTINGS: _text(settings)}
     rows = [point._asdict() | study for point in points]
-    beside = path.with_name(path.name + ".part")
-    _write_csv(beside, rows)
-    os.replace(beside, path)
+    draft = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.part")  # others may write too
+    try:
+        _write_csv(draft, rows)
+        os.replace(draft, path)
+    except OSError as error:  # the study itself is worth more
+        warnings.warn(f"{path} cannot be written ({error.strerror}). The study goes on.", stacklevel=2)
+    finally:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
 def read_points(path: Path, reference: Reference, settings: Mapping[str, Any]) -> tuple[Point, ...]:
@@ -121,9 +130,7 @@ def read_points(path: Path, reference: Reference, settings: Mapping[str, Any]) -
     """
     if not path.exists():
         return ()
-    rows, columns = list(_read_csv(path)), (*Point._fields, *OF_STUDY)
-    if any(set(row) != set(columns) for row in rows):
-        raise ValueError(f"{path} must have the columns {', '.join(columns)}, but has others.")
+    rows = _read_csv(path)
     others = sorted({row.pop(SETTINGS) for row in rows} - {_text(settings)})
     if others:
         raise ValueError(
@@ -154,13 +161,25 @@ def _along(gradient: Any) -> tuple[float, float]:
     return float(entries @ np.random.default_rng(0).normal(size=entries.size)), float(np.linalg.norm(entries))
 
 
+COLUMNS = (*Point._fields, *OF_STUDY)
+
+
 def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    with open(path, "w", newline="") as file:
-        table = csv.DictWriter(file, [*Point._fields, *OF_STUDY])
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, COLUMNS)
         table.writeheader()
         table.writerows(rows)
 
 
-def _read_csv(path: Path) -> Iterable[dict[str, Any]]:
-    with open(path, newline="") as file:
-        yield from csv.DictReader(file)
+def _read_csv(path: Path) -> list[dict[str, Any]]:
+    """Raises: ValueError for a file of other columns, and for one that is cut or is no text."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} must be a CSV file in UTF-8, but is not: {error}.") from error
+    rows = list(csv.DictReader(text.splitlines()))
+    if any(set(row) - {None} != set(COLUMNS) for row in rows):
+        raise ValueError(f"{path} must have the columns {', '.join(COLUMNS)}, but has others.")
+    if not text.endswith("\n") or any(None in row or None in row.values() for row in rows):
+        raise ValueError(f"{path} must have whole lines, but is cut: remove the last line, or give another `store`.")
+    return rows

@@ -86,6 +86,7 @@ def measurements(
       one with priors.
     - `names`: names of the observations; default q0, q1, ...
     - `missing`: "raise" on a NaN among the values or event times, or "skip" to leave those entries out of the fit.
+      What a masked array of NumPy hides is NaN.
     - `event_times`, `event_sigma`, `event_contacts`: times of impacts [s], their standard deviation (required with
       them), and which contact closed (-1: any). The k-th time is compared with the motion's k-th impact there; NaN
       stands for an impact that happened and was not seen.
@@ -112,6 +113,11 @@ def measurements(
     )  # fmt: skip
 
 
+def as_numbers(given: Any) -> np.ndarray:
+    """An array of floats, with NaN for what a masked array hides."""
+    return np.ma.asarray(given, float).filled(np.nan) if np.ma.isMaskedArray(given) else np.asarray(given, float)
+
+
 def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
     """Times as an array, increasing where they are known; NaN among them only with `gaps`."""
     t = _seconds(name, times)
@@ -131,12 +137,12 @@ def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
 
 def _seconds(name: str, times: Any) -> np.ndarray:
     """Times as numbers: NumPy would make nanoseconds of durations, and of dates."""
-    t = np.asarray(times)
+    t = np.asanyarray(times)
     if t.dtype.kind == "M":
         raise ValueError(
             f"`{name}` must be in seconds, or durations, but are dates: subtract that of t = 0, as in times - times[0]."
         )
-    return t / np.timedelta64(1, "s") if t.dtype.kind == "m" else np.asarray(t, float)
+    return as_numbers(t / np.timedelta64(1, "s") if t.dtype.kind == "m" else t)
 
 
 def _values(values: Any, samples: int) -> np.ndarray:
@@ -145,7 +151,7 @@ def _values(values: Any, samples: int) -> np.ndarray:
             raise ValueError(f"`values` must have one row for each of the {samples} times, but is None.")
         return np.zeros((0, 0))
     try:
-        y = np.asarray(values, float)
+        y = as_numbers(values)
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"`values` must be an array of numbers, but is a {type(values).__name__} that is none. A table with named "
@@ -183,14 +189,14 @@ def _by_column(sigma: Any, names: tuple[str, ...]) -> Any:
             f"`sigma` must have one entry for each observation, {', '.join(names)}, "
             f"but has {', '.join(map(str, sigma))}."
         )
-    columns = (np.atleast_1d(np.asarray(sigma[key], float)) for key in keys)
+    columns = (np.atleast_1d(as_numbers(sigma[key])) for key in keys)
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
 def _sigmas(sigma: Any, y: np.ndarray) -> np.ndarray | None:
     if sigma is None:
         return None
-    s, shape = np.asarray(sigma, float), y.shape
+    s, shape = as_numbers(sigma), y.shape
     if s.ndim == 1 and s.shape[0] == shape[0] == shape[1] > 1:
         raise ValueError(
             f"`sigma` must say whether it is of rows or of columns where there are {s.shape[0]} of both: give it the "
@@ -218,7 +224,7 @@ def _must_be_positive(name: str, s: np.ndarray, where: str = "") -> None:
 def _event_columns(events: np.ndarray, sigma: Any, contacts: Any) -> tuple[np.ndarray, np.ndarray]:
     if events.size and sigma is None:
         raise ValueError("`event_sigma` must be given with `event_times`: it says how times weigh against values.")
-    s = np.broadcast_to(np.asarray(1.0 if sigma is None else sigma, float), events.shape).copy()
+    s = np.broadcast_to(as_numbers(1.0 if sigma is None else sigma), events.shape).copy()
     _must_be_positive("event_sigma", s)
     return s, np.broadcast_to(np.asarray(contacts, int), events.shape).copy()
 

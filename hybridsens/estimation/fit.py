@@ -80,8 +80,8 @@ def fit(
       `event_contacts` says which of them.
     - `bounds`: name -> "positive" or (lo, hi), None for an open end; kept by a transformation of the parameter.
     - `priors`: name -> (mean, sigma). The values must have sigmas too, by which priors are weighed against them.
-    - `robust`: residuals beyond so many sigmas count linearly, for data with outliers and with sigmas; None: all count
-      squared.
+    - `robust`: for data with outliers and with sigmas: residuals r [sigmas] count as 2 c^2 (sqrt(1 + (r/c)^2) - 1) with
+      this c, linearly far beyond it (pseudo-Huber); None: all count squared.
     - `t0`, `t1`: horizon [s]; t1 is by default the last measured time, or 10 % beyond the last event if that is later,
       so that an event which comes later is compared with it. One that a motion does not have counts as if at t1.
     - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an

@@ -125,7 +125,8 @@ def _doubts(result: Any) -> Iterator[str]:
     for number in result.events_missing:
         yield (
             f"measured event {number} (at {result.data.event_times[number]:.6g}{unit}) is not in the fitted motion: it "
-            "counts as if at the end of the horizon, and no derivative shows the way to it"
+            "counts as if at the end of the horizon, and no derivative shows the way to it. Give a later `t1`, where "
+            "it comes after the horizon, or a guess from which it comes"
         )
     for i, (name, correlation) in enumerate(result.residual_correlation.items()):
         known = np.isfinite(result.residuals[:, i])

@@ -9,7 +9,7 @@ import numpy as np
 from ..export.names import split_unit
 from ..validation.spelling import did_you_mean
 from .csv_file import check_different, read_csv
-from .data import Measurements, measurements
+from .data import Measurements, as_numbers, measurements
 
 _SIGMA = "sigma_"
 _TIMES = ("t", "time", "t [s]", "time [s]")
@@ -118,7 +118,7 @@ def _sigma_columns(table: Mapping[str, Any], names: Sequence[str]) -> np.ndarray
 def _numbers(table: Mapping[str, Any], name: str) -> np.ndarray:
     """A column. Raises: ValueError with its name for text, and for the NA of pandas among objects."""
     try:
-        return np.asarray(table[name], float)
+        return as_numbers(table[name])
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"Column {name!r} must hold numbers, and NaN where one is missing, but does not: {error}. Convert it by "
@@ -162,11 +162,14 @@ def _from_xarray(data: Any) -> dict[str, np.ndarray]:
         raise ValueError(f"The times {along!r} must be in seconds, but have the units {unit!r}: convert them.")
     columns = [(str(along), dataset[along].to_numpy())]
     for name, variable in dataset.data_vars.items():
+        if variable.dims[:1] != (along,) or variable.ndim > 2:
+            raise ValueError(
+                f"Variable {name!r} must have one or two dimensions, of which the first is the time {along!r}, but has "
+                f"{variable.dims}."
+            )
         if variable.ndim == 1:
             columns.append((str(name), variable.to_numpy()))
-        elif variable.ndim == 2:
-            columns += [(f"{name}{i}", column) for i, column in enumerate(variable.to_numpy().T)]
         else:
-            raise ValueError(f"Variable {name!r} must have one or two dimensions, time first, but has {variable.dims}.")
+            columns += [(f"{name}{i}", column) for i, column in enumerate(variable.to_numpy().T)]
     check_different((name for name, _ in columns), "The Dataset")
     return dict(columns)

@@ -9,8 +9,9 @@ class ContactStatus(Status):
 
     gap_not_smooth = outcome(
         "near the last time reached a gap jumps, or has a corner while its contact is held closed; the laws of contact "
-        "say nothing of either. Write two gaps in place of a `jnp.minimum`, round off the edge of a `jnp.maximum` or "
-        "of a table (by `jnp.logaddexp`, or a spline), and let a gap that depends on time move without a jump."
+        "say nothing of either. Write two gaps in place of a `jnp.minimum`, make the comparison of a `jnp.maximum` or "
+        "`jnp.where` an event (`located_discontinuities = True`), round off the edges of a table (by a spline), and "
+        "let a gap that depends on time move without a jump."
     )
     penetration = outcome(
         "the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component.", at_start=True

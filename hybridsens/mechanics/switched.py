@@ -186,13 +186,13 @@ class SwitchedSystem(AbstractFlatSystem):
         return self.mechanics.projects(mode.contacts)
 
     def project(self, t, x, mode: SwitchedMode):
-        return self.mechanics.project(t, x, mode.contacts)
+        return self.within(mode.own).project(t, x, mode.contacts)
 
     def project_with_error(self, t, x, mode: SwitchedMode):
-        return self.mechanics.project_with_error(t, x, mode.contacts)
+        return self.within(mode.own).project_with_error(t, x, mode.contacts)
 
     def stuck(self, t, x, mode: SwitchedMode) -> Status:
-        return self.mechanics.stuck(t, x, mode.contacts)
+        return self.within(mode.own).stuck(t, x, mode.contacts)
 
     def unconstrained(self, mode: SwitchedMode):
         """As of the contacts: while every one is open there is a shorter flow."""

@@ -140,6 +140,8 @@ def from_store(location: Any, layout: Mapping[str, Variable], coordinates, attri
     stored = xarray().open_zarr(location, chunks=None)
     # By name: `mass[0, 1]` has a space, and xarray reads such a coordinate as a result.
     found = stored[[*layout, *coordinates]].set_coords(list(coordinates))
+    # The points are known, whatever has become of them on disk.
+    found = found.assign_coords({name: (dims, values) for name, (dims, values, _) in coordinates.items()})
     told = {name: v.attributes for name, v in layout.items()}
     told |= {name: about for name, (_, _, about) in coordinates.items()}
     for name, about in told.items():  # units may be given to a store that was made without

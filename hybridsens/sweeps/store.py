@@ -78,8 +78,9 @@ class ZarrStore:
         self.arrays: Any = _zarr().open_group(location, mode="r+")
 
     def write(self, tile: Mapping[str, slice], results: Mapping[str, np.ndarray]) -> None:
-        """Put the results of a tile in their chunks."""
-        write_tile(self.arrays, tile, results)
+        """Put the results of a tile in their chunks, of which none is left out, empty or not."""
+        with _zarr().config.set({"array.write_empty_chunks": True}):
+            write_tile(self.arrays, tile, results)
 
     def has(self, tile: Mapping[str, slice]) -> bool:
         """Whether a tile is complete."""
@@ -112,21 +113,30 @@ def open_or_create(
     found = _state(location)
     if found is None or found == {"digest": digest}:  # nothing, or killed while it was made
         _create_at_once(location, lambda place: _create(place, digest, layout, coordinates, edges, attributes))
-    elif found != {"digest": digest, "state": _READY}:
+        found = _state(location)  # another sweep may have been quicker
+    if found != {"digest": digest, "state": _READY}:
         raise ValueError(
             f"`store` must be a new place or the store of this very sweep, but {location} belongs to something else: "
             "other points, another cost, other settings or another version of JAX. Choose another place or remove it."
         )
     store = ZarrStore(location)
     with _intact(location):
-        for name in layout:
-            store.arrays[name]
+        _check_chunks(store.arrays, layout)
     return store
 
 
+def _check_chunks(arrays, layout: Mapping[str, Variable]) -> None:
+    """A finished tile has a chunk in every array, also where that holds nothing but nan (see `write`): one that is lost
+    would be read as such."""
+    finished = arrays["status"].nchunks_initialized  # first, for another process may be at work
+    damaged = [name for name in layout if arrays[name].nchunks_initialized < finished]
+    if damaged:
+        raise ValueError(f"chunks of {', '.join(damaged)} are lost")
+
+
 def _create_at_once(location, create) -> None:
-    """Where the store is a folder it is made beside its place and moved there whole: of two processes that begin one
-    sweep together the second goes on in the store of the first."""
+    """Where the store is a folder it is made beside its place and moved there whole: of two processes that begin
+    together the second finds the store of the first."""
     is_path = isinstance(location, str | Path) and "://" not in str(location)
     path = Path(location) if is_path else Path()
     if not is_path or (path.is_dir() and any(path.iterdir())):

@@ -145,6 +145,11 @@ def test_the_command_writes_points_and_goes_on_with_them(tmp_path, reference, mo
     assert "there is no gradient method 'Guessing'; choose one of Replay" in capsys.readouterr().err
 
 
+def test_points_that_cannot_be_written_end_no_study(tmp_path, reference):
+    with pytest.warns(UserWarning, match="cannot be written .*The study goes on"):
+        write_points(tmp_path / "gone" / "points.csv", [Point("Tsit5", "Replay", "float64", 1e-7)], reference, {})
+
+
 def test_a_file_of_something_else_is_refused(tmp_path, reference):
     """Points of another J or under other settings, another table, ending or folder; a setting that is varied."""
     path = tmp_path / "points.csv"
@@ -158,6 +163,14 @@ def test_a_file_of_something_else_is_refused(tmp_path, reference):
     write_points(path, [point], reference, settings)
     with pytest.raises(ValueError, match="under the settings max_events=100.*has some under max_events=256"):
         work_precision(scene(), reference=reference, store=path, max_events=100)
+    whole = path.read_text()
+    for cut in (whole[:-3], whole[: whole.rindex(",")]):
+        path.write_text(cut)
+        with pytest.raises(ValueError, match="must have whole lines, but is cut"):
+            work_precision(scene(), reference=reference, store=path)
+    path.write_text(whole, encoding="utf-16")
+    with pytest.raises(ValueError, match="must be a CSV file in UTF-8"):
+        work_precision(scene(), reference=reference, store=path)
     path.write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match="must have the columns solver, method"):
         work_precision(scene(), reference=reference, store=path)

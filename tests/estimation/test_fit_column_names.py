@@ -1,4 +1,4 @@
-"""Which entry of the state a column is, and which column is the time: the names that this package writes are read."""
+"""Which entry of the state a column is, and which is the time: the names that this package writes are read."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -72,3 +72,11 @@ def test_times_in_another_unit_or_in_no_number_are_not_guessed():
     table.index = pandas.date_range("2020-01-01", periods=3, name="time")
     with pytest.raises(ValueError, match='`times` must be in seconds, or durations, but are dates'):
         read_measurements(table)
+
+
+def test_a_variable_along_another_dimension_is_refused():
+    """Of one length with the times it was taken for a column."""
+    xarray = pytest.importorskip("xarray")
+    dataset = xarray.Dataset({"q0": ("t", 10 * TIMES), "other": ("place", TIMES)}, {"t": TIMES})
+    with pytest.raises(ValueError, match="'other' must have one or two dimensions, of which the first is the time 't'"):
+        read_measurements(dataset)

@@ -236,3 +236,14 @@ def test_the_unit_of_a_sigma_may_be_left_off(sigma):
     found = read_measurements({"t": TIMES, "x [mm]": [1.0, 2.0, 3.0], sigma: [0.1, 0.2, 0.3]})
     assert found.names == ("x [mm]",)
     np.testing.assert_array_equal(found.sigmas[:, 0], [0.1, 0.2, 0.3])
+
+
+def test_what_a_mask_hides_is_missing():
+    """The number under the mask was fitted."""
+    hidden = np.ma.masked_array(VALUES[:, 0], mask=[False, True, False])
+    for data in ((TIMES, hidden), {"t": TIMES, "q0": hidden}):
+        with pytest.raises(ValueError, match="is NaN at row 1"):
+            read_measurements(data)
+        np.testing.assert_array_equal(read_measurements(data, missing="skip").values[:, 0], [1.0, np.nan, 5.0])
+    with pytest.raises(ValueError, match="`times` must be finite, but is not at row 1"):
+        measurements(np.ma.masked_array(TIMES, mask=hidden.mask), VALUES)

@@ -108,12 +108,38 @@ def test_of_two_that_begin_together_the_second_goes_on_in_the_store_of_the_first
     def create_while_another_does(place, *of_the_sweep):
         create(tmp_path / "sweep.zarr", *of_the_sweep)
         group = zarr.open_group(tmp_path / "sweep.zarr")
-        group["J"][:2], group["status"][:2] = 7.0, 0
+        for name in ("J", "dJ_da", "dJ_db", "status"):
+            group[name][:2] = 0 if name == "status" else 7
         create(place, *of_the_sweep)
 
     monkeypatch.setattr(store, "_create", create_while_another_does)
     np.testing.assert_array_equal(swept([1, 2, 3, 4]).J, [7, 7, 6, 8])
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.zarr"]
+
+
+def test_of_two_different_ones_that_begin_together_the_second_is_refused(swept, tmp_path, monkeypatch):
+    """It returned the values of the first, without a word."""
+    create = store._create
+
+    def create_while_another_does(place, digest, *of_the_sweep):
+        create(tmp_path / "sweep.zarr", "another", *of_the_sweep)
+        create(place, digest, *of_the_sweep)
+
+    monkeypatch.setattr(store, "_create", create_while_another_does)
+    with pytest.raises(ValueError, match="belongs to something else"):
+        swept([1, 2])
+
+
+def test_lost_chunks_are_told_of(swept, tmp_path):
+    """They were read as nan, with status 0. Values that are nan are not lost."""
+    no_number = lambda scene: jnp.where(scene["a"] < 2.5, jnp.nan, scene["a"])
+    swept([1, 2, 3], cost=no_number)
+    np.testing.assert_array_equal(swept([1, 2, 3], cost=no_number).J, [np.nan, np.nan, 3.0])
+    shutil.rmtree(tmp_path / "sweep.zarr/a/c")
+    np.testing.assert_array_equal(swept([1, 2, 3], cost=no_number).a, [1, 2, 3])
+    (tmp_path / "sweep.zarr/J/c/1").unlink()
+    with pytest.raises(ValueError, match="cannot be read: chunks of J are lost. Remove it"):
+        swept([1, 2, 3], cost=no_number)
 
 
 def test_a_store_killed_while_it_was_made_is_made_again(swept, tmp_path):
