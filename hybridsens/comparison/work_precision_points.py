@@ -1,9 +1,6 @@
 """What a work-precision study finds: its points, in a CSV file too, the best of them, and what to choose."""
 
-import contextlib
 import csv
-import os
-import uuid
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..export.one_move import in_one_move
 from ..export.text import preformatted, wrapped
 from ..settings import finest_tolerance
 from .compare_table import Reference
@@ -111,15 +109,11 @@ def write_points(path: Path, points: Sequence[Point], reference: Reference, sett
     """Write all points in one move, so that a run that is killed leaves the whole file of one point before."""
     study = {REFERENCE: reference.value, GRADIENT: _along(reference.gradient)[0], SETTINGS: _text(settings)}
     rows = [point._asdict() | study for point in points]
-    draft = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.part")  # others may write too
     try:
-        _write_csv(draft, rows)
-        os.replace(draft, path)
+        with in_one_move(path) as draft:
+            _write_csv(draft, rows)
     except OSError as error:  # the study itself is worth more
         warnings.warn(f"{path} cannot be written ({error.strerror}). The study goes on.", stacklevel=2)
-    finally:
-        with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
 
 
 def read_points(path: Path, reference: Reference, settings: Mapping[str, Any]) -> tuple[Point, ...]:

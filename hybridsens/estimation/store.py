@@ -1,12 +1,9 @@
 """The best point of a fit on disk, so that a fit that was killed goes on from it; and what tells one fit from another:
 its measurements, and the numbers of its model that are not fitted."""
 
-import contextlib
 import dataclasses
 import hashlib
 import json
-import os
-import uuid
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..export.one_move import in_one_move
 from .data import Measurements
 from .parameters import Selection, check_inside
 from .problem import Problem
@@ -35,15 +33,11 @@ class Store(NamedTuple):
         labels = self.selection.labels
         values = np.asarray(self.selection.to_values(jnp.asarray(z[: len(labels)])))
         kept = {"values": dict(zip(labels, values.tolist(), strict=True)), "study": self.study}
-        draft = self.path.with_name(f"{self.path.name}.{uuid.uuid4().hex[:8]}.part")  # others may write too
         try:
-            draft.write_text(json.dumps(kept, indent=2) + "\n")
-            os.replace(draft, self.path)
+            with in_one_move(self.path) as draft:
+                draft.write_text(json.dumps(kept, indent=2) + "\n")
         except OSError as error:  # the fit itself is worth more
             warnings.warn(f"{self.path} cannot be written ({error.strerror}). The fit goes on.", stacklevel=2)
-        finally:
-            with contextlib.suppress(OSError):
-                draft.unlink(missing_ok=True)
 
     def read(self) -> np.ndarray | None:
         """Values of the parameters; None if there is no file yet.

@@ -2,7 +2,6 @@
 read back, and the file."""
 
 import json
-import os
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import jax
 import jax.core
 import numpy as np
 
+from .one_move import in_one_move
 from .trees import structure
 
 
@@ -80,9 +80,5 @@ def write_netcdf(dataset: Any, path: str | Path) -> None:
     if path.is_dir() or not path.parent.is_dir():  # netCDF4 speaks of permissions
         what = "is a folder" if path.is_dir() else "is in a folder that does not exist"
         raise ValueError(f"`path` must be that of a file in a folder that exists, but {path} {what}.")
-    beside = path.with_name(path.name + ".part")
-    try:
-        dataset.to_netcdf(beside, engine="netcdf4")
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    with in_one_move(path) as draft:
+        dataset.to_netcdf(draft, engine="netcdf4")

@@ -138,14 +138,10 @@ def from_memory(
 def from_store(location: Any, layout: Mapping[str, Variable], coordinates, attributes) -> "xr.Dataset":
     """A Dataset that reads a store when its values are asked for."""
     stored = xarray().open_zarr(location, chunks=None)
-    # By name: `mass[0, 1]` has a space, and xarray reads such a coordinate as a result.
-    found = stored[[*layout, *coordinates]].set_coords(list(coordinates))
-    # The points are known, whatever has become of them on disk.
-    found = found.assign_coords({name: (dims, values) for name, (dims, values, _) in coordinates.items()})
-    told = {name: v.attributes for name, v in layout.items()}
-    told |= {name: about for name, (_, _, about) in coordinates.items()}
-    for name, about in told.items():  # units may be given to a store that was made without
-        found[name].attrs.update(about)
+    # The points are known, whatever has become of them on disk; and xarray reads one named `mass[0, 1]` as a result.
+    found = stored[list(layout)].assign_coords(coordinates)
+    for name, variable in layout.items():  # units may be given to a store that was made without
+        found[name].attrs.update(variable.attributes)
     return found.drop_attrs(deep=False).assign_attrs(attributes)
 
 

@@ -10,6 +10,7 @@ import itertools
 import math
 import os
 import tempfile
+import threading
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -52,6 +53,8 @@ def points_in(tile: dict[str, slice]) -> int:
 
 _MARK = "hybridsens_sweep"
 _READY = "ready"
+_WRITING = threading.Lock()
+"""Zarr's settings are those of the whole process, and workers of a cluster may be its threads."""
 
 
 class MemoryStore:
@@ -79,7 +82,7 @@ class ZarrStore:
 
     def write(self, tile: Mapping[str, slice], results: Mapping[str, np.ndarray]) -> None:
         """Put the results of a tile in their chunks, of which none is left out, empty or not."""
-        with _zarr().config.set({"array.write_empty_chunks": True}):
+        with _WRITING, _zarr().config.set({"array.write_empty_chunks": True}):
             write_tile(self.arrays, tile, results)
 
     def has(self, tile: Mapping[str, slice]) -> bool:
@@ -129,7 +132,8 @@ def _check_chunks(arrays, layout: Mapping[str, Variable]) -> None:
     """A finished tile has a chunk in every array, also where that holds nothing but nan (see `write`): one that is lost
     would be read as such."""
     finished = arrays["status"].nchunks_initialized  # first, for another process may be at work
-    damaged = [name for name in layout if arrays[name].nchunks_initialized < finished]
+    expected = lambda array: min(finished, array.nchunks)  # an array without entries has none
+    damaged = [name for name in layout if arrays[name].nchunks_initialized < expected(arrays[name])]
     if damaged:
         raise ValueError(f"chunks of {', '.join(damaged)} are lost")
 

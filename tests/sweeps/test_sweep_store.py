@@ -191,11 +191,13 @@ def test_a_store_knows_the_data_of_its_cost(swept, as_arguments):
 
 
 def test_a_store_knows_the_integers_of_its_scenes(tmp_path):
-    """Assert that scenes that differ in a whole number alone, which is no parameter, are other scenes."""
+    """Scenes that differ in a whole number alone, which is no parameter, are others. One without entries is no loss."""
     run = lambda power: sweep(
         lambda scene: scene["a"] ** scene["power"],
-        grid(SCENE | {"power": jnp.array(power)}, {"a": [1.0, 2.0]}), store=tmp_path / "s.zarr", progress=False,
+        grid(SCENE | {"power": jnp.array(power), "none": jnp.zeros(0)}, {"a": [1.0, 2.0]}),
+        store=tmp_path / "s.zarr", progress=False,
     )  # fmt: skip
+    np.testing.assert_array_equal(run(2).J, [1, 4])
     np.testing.assert_array_equal(run(2).J, [1, 4])
     with pytest.raises(ValueError, match="must be a new place or the store of this very sweep"):
         run(3)
