@@ -2,7 +2,7 @@
 
     python -m benchmarks.scale                    # the chain of masses, link pendulums, balls in a box, many gaps
     python -m benchmarks.scale --chain 8 64       # the chain alone, of so many masses
-    python -m benchmarks.scale --small-loop-bytes 2147483647    # under the setting for hundreds of contacts
+    python -m benchmarks.scale --small-loop-bytes 2147483647    # under the setting for hundreds of coordinates
 
 Ours and numba's are timed in turn on one core, the least of several times each; a first call is that of value and
 gradient, tracing and compilation included.

@@ -50,8 +50,8 @@ def configure(
     - `host_devices`: how many devices a CPU shows as, so that a sweep uses that many cores. Default: leave it.
     - `small_loop_bytes`: a loop that carries less than this is compiled into one kernel on a CPU instead of being
       interpreted operation by operation. It makes motions several times faster, and compiles faster. With hundreds of
-      coordinates or contacts a loop carries more: 2**31 - 1 makes gradients there a tenth to a third faster again, and
-      takes up to a half longer to compile (a program that runs hundreds of times makes up for it).
+      coordinates a loop carries more: 2**31 - 1 makes gradients there up to a sixth faster again, and takes a half
+      longer to compile or more (a program that runs thousands of times makes up for it).
     - `cache`: a folder in which JAX keeps compiled programs for the next start of Python; True for one below the
       user's own folder of caches ($XDG_CACHE_HOME, or ~/.cache). Default: leave it. The command line keeps them.
 

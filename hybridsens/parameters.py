@@ -84,10 +84,14 @@ def replace(scene: Any, values: dict[str, Any]) -> Any:
 
 
 def check_names(scene: Any, names) -> None:
-    """Raises ValueError unless every name is a scalar parameter of the scene, or a scalar entry of one."""
-    known = parameters(scene)
+    """Raises ValueError unless every name is a scalar parameter of the scene, or a scalar entry of one, and no two are
+    the same one."""
+    known, seen = parameters(scene), {}
     for name in names:
         leaf, index = split_name(name)
+        if (leaf, index) in seen:
+            raise ValueError(f"Each parameter must be named once, but {seen[leaf, index]!r} and {name!r} are one.")
+        seen[leaf, index] = name
         if leaf not in known:
             declare = " It is a constant: declare its field as jax.Array." if leaf in _all_names(scene) else ""
             raise ValueError(

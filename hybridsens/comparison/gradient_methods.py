@@ -63,11 +63,12 @@ def gradient_by(
         return run(parameters.vector)
 
 
-def adjoint_name(adjoint: AbstractGradientMethod) -> str:
-    """The class and those of its settings that are not the default: `Replay`, `ContinuousCostate(rtol=1e-10)`."""
-    fields = {field.name: (getattr(adjoint, field.name), field) for field in dataclasses.fields(adjoint)}
+def name_with_settings(method: Any) -> str:
+    """The class of a gradient method or a solver, and those of its settings that are not the default: `Replay`,
+    `ContinuousCostate(rtol=1e-10)`."""
+    fields = {field.name: (getattr(method, field.name), field) for field in dataclasses.fields(method)}
     changed = [f"{name}={value!r}" for name, (value, field) in fields.items() if value != _default(field)]
-    return type(adjoint).__name__ + (f"({', '.join(changed)})" if changed else "")
+    return " ".join((type(method).__name__ + (f"({', '.join(changed)})" if changed else "")).split())
 
 
 def _default(field: dataclasses.Field) -> Any:
@@ -77,7 +78,7 @@ def _default(field: dataclasses.Field) -> Any:
 def our_methods(adjoints: Sequence[AbstractGradientMethod], settings: Mapping[str, Any]) -> list[GradientMethod]:
     """This package's methods, at one tolerance for the motion and for what is integrated back."""
     methods = [from_adjoint(adjoint.at_tolerance(settings["rtol"]), **settings) for adjoint in adjoints]
-    return [m._replace(name=adjoint_name(adjoint)) for m, adjoint in zip(methods, adjoints, strict=True)]
+    return [m._replace(name=name_with_settings(adjoint)) for m, adjoint in zip(methods, adjoints, strict=True)]
 
 
 def differences(settings: Mapping[str, Any]) -> GradientMethod:

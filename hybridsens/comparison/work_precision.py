@@ -19,7 +19,7 @@ from ..waiting import counted
 from .compare import Reference, must_be_finite, relative_error, tight_reference
 from .differentiate import value_and_gradient
 from .functional import Cost, choose_cost, functional, raise_unless_reached_end
-from .gradient_methods import adjoint_name, from_adjoint
+from .gradient_methods import from_adjoint, name_with_settings
 from .timing import first_call, reason, seconds_per_call
 from .work_precision_points import Point as Point
 from .work_precision_points import WorkPrecision as WorkPrecision
@@ -40,7 +40,7 @@ class Line(NamedTuple):
     @property
     def label(self) -> tuple[str, str, str]:
         """What names it, and all of its points but for their tolerance."""
-        return type(self.solver).__name__, adjoint_name(self.method), self.dtype
+        return name_with_settings(self.solver), name_with_settings(self.method), self.dtype
 
 
 def work_precision(

@@ -18,11 +18,19 @@ from .motions import entries, state_names
 def picks(columns: Sequence[str], scene: Any, start: tuple) -> tuple[int, ...]:
     """Which entries of the state the columns are: by the names of the state, or by the scene's own `coordinates`.
 
-    Raises: ValueError for a column that has no such name, that of two entries, or a unit which is not the scene's."""
+    Raises: ValueError for a column that has no such name, that of two entries, that of an entry which another column
+    is of, or a unit which is not the scene's."""
     state, own = start[0], []
     if isinstance(state, State) and getattr(scene, "coordinates", None) is not None:
         own = [name for names in coordinate_names(scene, state.q.shape[0]) for name in names]
-    return tuple(_pick(column, state_names(start), own, isinstance(state, State)) for column in columns)
+    places = tuple(_pick(column, state_names(start), own, isinstance(state, State)) for column in columns)
+    alike = [column for column, place in zip(columns, places, strict=True) if places.count(place) > 1]
+    if alike:
+        raise ValueError(
+            f"Columns must be of different entries of the state, but {' and '.join(map(repr, alike))} are of one: it "
+            "would count twice. Choose one of them with `columns`."
+        )
+    return places
 
 
 def _pick(column: str, known: list[str], own: list[str], mechanical: bool) -> int:

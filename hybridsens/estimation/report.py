@@ -31,7 +31,8 @@ def remarks(result: Any) -> list[str]:
 
 
 def _head(result: Any) -> Iterator[str]:
-    yield f"fit {result.stopped} after {_way(result)}, gradient norm {result.history[-1].gradient_norm:.3g}"
+    incomplete = "" if result.converged or result.stopped != "converged" else ", but lacks a measured event,"
+    yield f"fit {result.stopped}{incomplete} after {_way(result)}, gradient norm {result.history[-1].gradient_norm:.3g}"
     known, heard = (int(np.sum(np.isfinite(r))) for r in (result.residuals, result.event_residuals))
     yield (
         f"{_count(known, 'observation')}, {_count(heard, 'event time')}; "

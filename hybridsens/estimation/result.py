@@ -100,8 +100,8 @@ class FitResult(eqx.Module):
 
     @property
     def converged(self) -> bool:
-        """Whether the optimizer ended where it should."""
-        return self.stopped == "converged"
+        """Whether the optimizer ended where it should, at a motion that has every event that was measured."""
+        return self.stopped == "converged" and self.events_missing.size == 0
 
     @property
     def interrupted(self) -> bool:

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.dense import pivoted_on, principal_pivot
 from ..numerics.tolerances import closeness
+from .delassus import Delassus
 
 
 class _Search(NamedTuple):
@@ -23,7 +23,7 @@ class _Search(NamedTuple):
 
 
 def complementarity_support(
-    matrix: Float[Array, "n n"],
+    W: Delassus,
     vector: Float[Array, "n"],
     candidates: Bool[Array, "n"],
     noise: Float[Array, "n"],
@@ -35,42 +35,54 @@ def complementarity_support(
     Active sets in the manner of Lawson and Hanson (1974, ch. 23), for the problem's quadratic programme: take in the
     candidate that is violated most, solve with equality on S, and drop the first unknown that comes to zero on the way.
     One tableau is kept: it holds x_S, the residual, and on its diagonal the Schur complement of W_SS. To take a contact
-    in is a principal pivot, O(n^2); to drop one builds the tableau anew. A column that depends on those of S is never
-    taken in: so W_SS is regular even where W is singular, and a problem without a solution (two walls that close on a
-    body) ends with a set that is regular.
+    in is a principal pivot, O(n^2) at most; to drop one builds the tableau anew. W_SS stays regular even where W is
+    singular: a contact whose column depends on those of S enters only in the place of a member, once no other one is
+    violated (of two parallel walls the one that asks for more). Where no member gives way the problem has no solution,
+    as for two walls that close on a body, and S is left as it is.
     `noise` is how large a residual rounding alone can make. Nothing here is differentiated: S is piecewise constant,
     and x_S = -W_SS^-1 b_S is solved again where its derivative is wanted.
     """
-    matrix, vector, noise = lax.stop_gradient((matrix, vector, noise))
+    W, vector, noise = lax.stop_gradient((W, vector, noise))
     n = vector.shape[0]
     if n == 0:
         return candidates
     if n == 1:
         return candidates & (vector < -noise)
     if n == 2:
-        return _support_of_two(matrix, vector, candidates, noise)
-    least = closeness(matrix.dtype) * jnp.diag(matrix)
+        return _support_of_two(W.rows, vector, candidates, noise)
 
     def turn(carry: _Search):
         T, S, x, _, count = carry
-        value, left = T[:, n], jnp.diagonal(T)  # of members: x; of the others: residual, and what is left of W
+        value = T[:, -1]  # of members: x; of the others: the residual
         negative = S & (value <= 0)
         feasible = ~jnp.any(negative)
-        violation = jnp.where(candidates & ~S & (left > least), value + noise, jnp.inf)
-        target = jnp.where(S, value, 0)
-        fraction = jnp.where(negative, x / jnp.where(negative, x - target, 1), jnp.inf)
-        k = jnp.where(feasible, jnp.argmin(violation), jnp.argmin(fraction))
-        finished = feasible & (violation[k] >= 0)
-        chosen = jnp.arange(n) == k
-        part_of_the_way = jnp.where(chosen, 0, x + fraction[k] * (target - x))
-        x = jnp.where(feasible, target, part_of_the_way)
-        S = jnp.where(chosen & ~finished, feasible, S)  # taken in, or let go
+        independent = W.independent(T, S)
+        violation = jnp.where(candidates & ~S, value + noise, jnp.inf)
+        violated = jnp.where(independent, violation, jnp.inf)
+        k, j = jnp.argmin(violated), jnp.argmin(jnp.where(independent, jnp.inf, violation))
+        enters = feasible & (violated[k] < 0)
+        # One that depends on S enters only in the place of a member: by its own push that of the member is less.
+        push = W.column(T, j)
+        gives_way = S & (push * size < -closeness(push.dtype) * size[j])
+        replaces = feasible & ~enters & ~independent[j] & (violation[j] < 0) & jnp.any(gives_way)
+        # On the way, from what is feasible, the first member that comes to zero is let go.
+        way = jnp.where(feasible, push, value - x)
+        reached = jnp.where(feasible, value, x)
+        falls = jnp.where(feasible, gives_way, negative)
+        fraction = jnp.where(falls, reached / jnp.where(falls, -way, 1), jnp.inf)
+        first = jnp.argmin(fraction)
+        stays, others = feasible & ~replaces, S & ~at(first)
+        on_the_way = jnp.where(others, reached + fraction[first] * way, jnp.where(at(j) & replaces, fraction[first], 0))
+        x = jnp.where(stays, jnp.where(S, value, 0), on_the_way)
+        S = jnp.where(stays, S | (at(k) & enters), others | (at(j) & replaces))
         # To pivot a member out again would bring back the rounding of all that was pivoted in: begin anew without it.
-        again = lambda: pivoted_on(untouched, S)
-        T = lax.cond(feasible, lambda: jnp.where(finished, T, principal_pivot(T, k)), again)
-        return _Search(T, S, x, finished, count + 1)
+        again = lambda: W.pivoted_on(untouched, S)
+        T = lax.cond(stays, lambda: jnp.where(enters, W.pivot(T, k), T), again)
+        return _Search(T, S, x, stays & ~enters, count + 1)
 
-    untouched = jnp.column_stack([matrix, vector])
+    at = lambda k: jnp.arange(n) == k
+    size = jnp.sqrt(W.diagonal())
+    untouched = W.tableau(vector)
     alone = jnp.sum(candidates) <= 1  # the usual case: nothing to search
     S = candidates & alone & (vector < -noise)
     start = _Search(untouched, S, jnp.zeros_like(vector), alone, jnp.array(0))
@@ -89,36 +101,37 @@ def _support_of_two(matrix, vector, candidates, noise):
     W_kk = jnp.where(taken, W_kk, 1)
     left = W_jj - W_kj**2 / W_kk
     x_k, residual = -of(k, vector) / W_kk, of(~k, vector) - W_kj * of(k, vector) / W_kk
-    joined = taken & (left > closeness(matrix.dtype) * W_jj) & (of(~k, jnp.where(candidates, residual + noise, 0)) < 0)
+    violated = taken & (of(~k, jnp.where(candidates, residual + noise, 0)) < 0)
+    independent, tiny = left > closeness(matrix.dtype) * W_jj, closeness(matrix.dtype) * jnp.sqrt(W_kk * W_jj)
+    joined = violated & independent
     # Where j, once in, would make x_k negative, k is let go: j alone is the solution then.
     stays = ~joined | (x_k + W_kj / W_kk * residual / jnp.where(joined, left, 1) > 0)
-    return (k & taken & stays) | (~k & joined)
+    replaced = violated & ~independent & (W_kj > tiny)  # two parallel walls, of which j asks for more
+    return (k & taken & stays & ~replaced) | (~k & (joined | replaced))
 
 
-def independent_superset(
-    matrix: Float[Array, "n n"], S: Bool[Array, "n"], candidates: Bool[Array, "n"]
-) -> Bool[Array, "n"]:
+def independent_superset(W: Delassus, S: Bool[Array, "n"], candidates: Bool[Array, "n"]) -> Bool[Array, "n"]:
     """S and as many more candidates as leave W regular on the set: three of the four feet of a table."""
-    matrix = lax.stop_gradient(matrix)
-    least = closeness(matrix.dtype) * jnp.diag(matrix)
+    W = lax.stop_gradient(W)
     if S.shape[0] == 2:  # one that is not in S is eligible if the other one, where it is inside, leaves something of it
-        W_ii, W_jj = jnp.diag(matrix), jnp.diag(matrix)[::-1]
-        left = W_ii - matrix[0, 1] ** 2 / jnp.where(W_jj > 0, W_jj, 1)
+        W_ii, W_jj = W.diagonal(), W.diagonal()[::-1]
+        least = closeness(W_ii.dtype) * W_ii
+        left = W_ii - W.rows[0, 1] ** 2 / jnp.where(W_jj > 0, W_jj, 1)
         beside, by_itself = candidates & (left > least), candidates & (W_ii > least)
         first = S[0] | jnp.where(S[1], beside[0], by_itself[0])
         return jnp.stack([first, S[1] | jnp.where(first, beside[1], by_itself[1])])
 
     def next_one(T, inside):
         """S comes first; then those that are left and do not depend on those inside."""
-        eligible = (S | candidates) & ~inside & (S | (jnp.diagonal(T) > least))
+        eligible = (S | candidates) & ~inside & (S | W.independent(T, inside))
         return jnp.argmax(jnp.where(eligible, 1 + S, 0)), jnp.any(eligible)
 
     def take(carry):
         T, inside, k, _ = carry
-        T, inside = principal_pivot(T, k), inside | (jnp.arange(inside.shape[0]) == k)
+        T, inside = W.pivot(T, k), inside | (jnp.arange(inside.shape[0]) == k)
         return T, inside, *next_one(T, inside)
 
     more = jnp.any(candidates & ~S)
     inside = S & ~more  # all there is where nobody is to be added: nothing to search
-    k, eligible = next_one(matrix, inside)
-    return lax.while_loop(lambda carry: carry[3], take, (matrix, inside, k, eligible & more))[1]
+    k, eligible = next_one(W.rows, inside)
+    return lax.while_loop(lambda carry: carry[3], take, (W.rows, inside, k, eligible & more))[1]

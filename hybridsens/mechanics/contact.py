@@ -10,9 +10,16 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from .delassus import Delassus
 from .mass import solve_mass
 from .scene import AbstractScene
 from .wrapped import WrappedScene
+
+FEW = 8
+"""Scenes of up to this many contacts look at all of them."""
+
+MANY = 4
+"""With so many times more contacts than coordinates W is kept as its factors."""
 
 
 class Instant(NamedTuple):
@@ -47,7 +54,7 @@ class ContactGeometry(eqx.Module):
     """dPhi/dq = G^T."""
     mobility: Float[Array, "dof contact"]
     """M^-1 G: what a unit impulse at each contact does to the velocities."""
-    delassus_matrix: Float[Array, "contact contact"]
+    delassus: Delassus
     """W = G^T M^-1 G."""
 
 
@@ -55,11 +62,10 @@ def contact_geometry(scene: AbstractScene, t, q) -> ContactGeometry:
     """G^T, M^-1 G and W = G^T M^-1 G at (t, q)."""
     jacobian = contact_jacobian(scene, t, q)
     mobility = solve_mass(scene.mass_matrix(q), jacobian.T)
-    return ContactGeometry(jacobian, mobility, jacobian @ mobility)
-
-
-FEW = 8
-"""Scenes of up to this many contacts look at all of them."""
+    contacts, dof = jacobian.shape
+    by_factors = contacts > FEW and contacts >= MANY * dof
+    delassus = Delassus(jacobian, dof, mobility) if by_factors else Delassus(jacobian @ mobility, dof)
+    return ContactGeometry(jacobian, mobility, delassus)
 
 
 class SomeContacts(WrappedScene):
@@ -90,8 +96,11 @@ class Among(NamedTuple):
     elsewhere: Any
 
 
-def among_wanted(scene: AbstractScene, wanted: Bool[Array, "contact"], among: Among) -> tuple[Any, Any]:
-    """`among.run` with the contacts that are wanted: with one where no other is wanted, else with all.
+def among_wanted(
+    scene: AbstractScene, wanted: Bool[Array, "contact"], among: Among, at_most: int | None = None
+) -> tuple[Any, Any]:
+    """`among.run` with the contacts that are wanted: with one where no other is wanted, else with all, or with as many
+    as can be wanted `at_most`.
 
     A law for one contact is short. For two it would take as long to compile as for all."""
     if wanted.shape[0] <= FEW:
@@ -99,7 +108,9 @@ def among_wanted(scene: AbstractScene, wanted: Bool[Array, "contact"], among: Am
     # On the way back each branch is worked out again. Otherwise the matrices of all contacts would be handed on, as
     # zeros, where one of them was looked at.
     alone = jax.checkpoint(lambda: _among_first(scene, wanted, 1, among))
-    together = jax.checkpoint(lambda: among.run(scene, among.by_contact))
+    among_all = lambda: among.run(scene, among.by_contact)
+    few = wanted.shape[0] if at_most is None else at_most
+    together = jax.checkpoint(lambda: _among_first(scene, wanted, few, among) if few < len(wanted) else among_all())
     return lax.cond(jnp.sum(wanted) <= 1, alone, together)
 
 

@@ -10,11 +10,11 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from ..flat_system import START, Decision
-from ..numerics.tolerances import closeness
+from ..numerics.tolerances import closeness, time_resolution
 from ..status import Status
 from .checks import may_begin
 from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate
-from .event_state import EventState, acted_on_nearby, look_at_event, wider_scales
+from .event_state import MEETING, EventState, acted_on_nearby, look_at_event, wider_scales
 from .laws import Selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, gap_tolerance, open_mode
 from .scene import AbstractScene
@@ -64,12 +64,13 @@ def decide_transition(
         d = _decide(scene, limits, here, now, mode)
         return (d.mode, d.detail), (d.kind, d.grazing, d.status, d.first_step_bound, d.order_matters)
 
+    gap, rate = gap_and_rate(scene, t, q, v)
     if mode.active.shape[0] > FEW:  # one may be looked at alone, and the scales of all must be known from the start
-        rate = gap_and_rate(scene, t, q, v)[1]
         begin = lambda: wider_scales(mode, contact_jacobian(scene, t, q), q, v, rate, limits.depth[1])
         mode = lax.cond(event < 0, begin, lambda: mode)
     # Any contact that is near 0 may be closed, at the start and at a jump of the forces too.
-    near = scene.gap(t, q) <= NEAR * closeness(q.dtype) * (jnp.max(mode.length) + jnp.max(jnp.abs(q)))
+    size = jnp.max(mode.length) + jnp.max(jnp.abs(q))
+    near = gap <= NEAR * closeness(q.dtype) * size + time_resolution(t, MEETING) * jnp.abs(rate)
     wanted = triggered | mode.held | near
     elsewhere = mode, ImpactDetail(*4 * [jnp.zeros_like(triggered)])
     (after, detail), rest = among_wanted(scene, wanted, Among(among, (mode, triggered), elsewhere))
@@ -97,7 +98,7 @@ def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Con
     kind = jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT)
     detail = ImpactDetail(at_event.triggered & ~is_release, impact.support, impact.plastic, impact.brought_to_rest)
     leaving = at_event.impacting & ~after.held
-    first_step_bound = _first_step_bound(scene, now._replace(v=impact.v), at_event.gap_acceleration, leaving)
+    first_step_bound = _first_step_bound(scene, now._replace(v=impact.v), at_event, mode, leaving)
     kind = jnp.where(is_release, EventKind.RELEASE, kind)
     order_matters = _order_matters(at_event, impact.support, mode)
     return Decision(after, kind, detail, grazing, status, first_step_bound, order_matters=order_matters)
@@ -114,8 +115,8 @@ def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: Cont
     geometry, rate, impacting = at_event.geometry, at_event.rate, at_event.impacting
     e, no_contact = scene.restitution(), jnp.zeros_like(impacting)
     support = impulse_support(geometry, rate, e, impacting, mode.speed)
-    v_after = now.v + geometry.mobility @ transition_impulse(geometry, rate, e, support, no_contact)
-    first_step_bound = _first_step_bound(scene, now._replace(v=v_after), at_event.gap_acceleration, impacting)
+    v_after = now.v + geometry.mobility @ transition_impulse(geometry, rate, e, support).total
+    first_step_bound = _first_step_bound(scene, now._replace(v=v_after), at_event, mode, impacting)
     pressed, too_slow = at_event.gap_acceleration < 0, jnp.maximum(-e * rate, 0) <= at_event.below_rounding
     stays = impacting & too_slow & pressed & at_event.triggered
     status = Status.where(jnp.any(stays), Status.event_repeats, status)
@@ -125,13 +126,14 @@ def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: Cont
     return Decision(mode, kind, detail, grazing, status, first_step_bound, order_matters=order_matters)
 
 
-def _first_step_bound(scene: AbstractScene, after: Instant, gap_acceleration, leaving):
-    """Time of the shortest flight that begins here, 2 Phi' / -Phi''. A longer step could pass over it unseen."""
+def _first_step_bound(scene: AbstractScene, after: Instant, at_event: EventState, mode: ContactMode, leaving):
+    """Time of the shortest flight that begins here, 2 Phi' / -Phi''. A longer step could pass over it unseen. A rate
+    that is rounding begins none."""
     _, rate = gap_and_rate(scene, *after)
-    falls_back = leaving & (rate > 0) & (gap_acceleration < 0)
-    return jnp.min(
-        jnp.where(falls_back, -2 * rate / jnp.where(falls_back, gap_acceleration, -1), jnp.inf), initial=jnp.inf
-    )
+    gap_acceleration = at_event.gap_acceleration
+    falls_back = leaving & (rate > closeness(rate.dtype) * mode.speed) & (gap_acceleration < 0)
+    flight = -2 * rate / jnp.where(falls_back, gap_acceleration, -1)
+    return jnp.min(jnp.where(falls_back, flight, jnp.inf), initial=jnp.inf)
 
 
 def _is_grazing(rate, gap_acceleration, depth) -> Bool[Array, ""]:
@@ -146,15 +148,13 @@ def _order_matters(at_event: EventState, support, mode: ContactMode) -> Bool[Arr
     Had one closed a little earlier, the outcome would differ by a finite amount. Contacts that are held by a force stay
     closed under any small change, so they do not count. Uncoupled contacts may meet in any order; but where they are
     uncoupled by these parameters alone, the derivative by what couples them depends on the order too."""
-    rate, W = at_event.rate, at_event.geometry.delassus_matrix
+    rate = at_event.rate
     closing = rate < -closeness(rate.dtype) * mode.speed
     met = at_event.impacting & ~mode.active & (support | closing)
-    diagonal = jnp.abs(jnp.diag(W))
-    coupled = jnp.abs(W) > closeness(W.dtype) * jnp.sqrt(diagonal[:, None] * diagonal)
-    pairs = met[:, None] & met & coupled & ~jnp.eye(met.shape[0], dtype=bool)
     beside = at_event.meeting & ~at_event.triggered & ~mode.active & closing
     is_impact = jnp.any(met & at_event.triggered)
-    return jnp.any(pairs) | (is_impact & jnp.any(beside & acted_on_nearby(at_event.geometry, at_event.triggered)))
+    several = at_event.geometry.delassus.couples(met)
+    return several | (is_impact & jnp.any(beside & acted_on_nearby(at_event.geometry, at_event.triggered)))
 
 
 def _with_selection(mode: ContactMode, selection: Selection, gap) -> ContactMode:

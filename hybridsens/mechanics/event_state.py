@@ -12,6 +12,9 @@ from .laws import gap_acceleration
 from .mode import ContactMode, gap_tolerance
 from .scene import AbstractScene
 
+MEETING = 2
+"""How far the location of an event may have been relaxed (see `time_resolution`) for contacts to count as meeting."""
+
 
 class EventState(NamedTuple):
     """What is known at an event before any law acts."""
@@ -45,7 +48,7 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     chosen_anew = event < 0  # at the start and at a flow jump
     triggered = jnp.arange(gap.shape[0]) == event
     is_release = jnp.any(triggered & mode.active)
-    meeting = gap <= tolerance + time_resolution(t, 2) * jnp.abs(rate)
+    meeting = gap <= tolerance + time_resolution(t, MEETING) * jnp.abs(rate)
     touching = meeting & _acted_on(geometry, event)  # uncoupled ones have an event of their own
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
     closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
@@ -66,14 +69,14 @@ def rate_below_rounding(gap_acceleration, mode: ContactMode):
 
 def _acted_on(geometry: ContactGeometry, event) -> Bool[Array, "contact"]:
     """Contacts whose rate an impulse at the triggered one changes."""
-    W = geometry.delassus_matrix
-    return jnp.abs(W[event]) > closeness(W.dtype) * jnp.sqrt(jnp.abs(jnp.diag(W) * W[event, event]))
+    row, diagonal = geometry.delassus.row(event), geometry.delassus.diagonal()
+    return jnp.abs(row) > closeness(row.dtype) * jnp.sqrt(jnp.abs(diagonal * diagonal[event]))
 
 
 def acted_on_nearby(geometry: ContactGeometry, triggered: Bool[Array, "contact"]) -> Bool[Array, "contact"]:
     """The same, here or for other parameters: W is a sum over coordinates, and may be zero because its terms cancel,
     as between the walls of a right angle."""
-    diagonal = jnp.abs(jnp.diag(geometry.delassus_matrix))
+    diagonal = jnp.abs(geometry.delassus.diagonal())
     of_one = triggered.astype(diagonal.dtype)
     terms = (of_one @ jnp.abs(geometry.jacobian)) @ jnp.abs(geometry.mobility)
     return terms > closeness(diagonal.dtype) * jnp.sqrt(diagonal * (of_one @ diagonal))

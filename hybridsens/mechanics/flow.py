@@ -7,7 +7,6 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.dense import solve_masked
 from .contact import Among, among_held, contact_geometry, gap_and_rate, gap_rate_and_bias
 from .mass import solve_mass
 from .scene import AbstractScene
@@ -30,7 +29,7 @@ def contact_multiplier(
         geometry = contact_geometry(scene, t, q)
         _, bias = gap_rate_and_bias(scene, t, q, v)
         gap_acceleration = geometry.jacobian @ free + bias
-        multiplier = solve_masked(geometry.delassus_matrix, -gap_acceleration, active.astype(q.dtype))
+        multiplier = geometry.delassus.solve(-gap_acceleration, active.astype(q.dtype))
         return multiplier, geometry.mobility @ multiplier
 
     return among_held(scene, active, q.shape[0], Among(among, active, jnp.zeros(active.shape, q.dtype)))
@@ -89,10 +88,10 @@ def project_to_contacts(
         members = active.astype(q.dtype)
         geometry = contact_geometry(scene, t, q)
         gap_error = jnp.where(active, scene.gap(t, q) - held_gap, 0)
-        moved = q - geometry.mobility @ solve_masked(geometry.delassus_matrix, gap_error, members)
+        moved = q - geometry.mobility @ geometry.delassus.solve(gap_error, members)
         _, rate = gap_and_rate(scene, t, moved, v)  # what the geometry changed meanwhile is of second order
         rate_error = jnp.where(active, rate, 0)
-        turned = v - geometry.mobility @ solve_masked(geometry.delassus_matrix, rate_error, members)
+        turned = v - geometry.mobility @ geometry.delassus.solve(rate_error, members)
         return (gap_error, rate_error), (moved, turned)
 
     nothing = jnp.zeros(active.shape, q.dtype)

@@ -14,7 +14,6 @@ from jaxtyping import Array, Bool, Float
 
 from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
-from ..numerics.dense import solve_masked
 from ..numerics.tolerances import rounding
 from ..search.gap_search import search_gaps
 from ..search.path import Path
@@ -96,7 +95,7 @@ def _multipliers_of_a_load(scene: AbstractScene, t, q, active: Bool[Array, "cont
 
     def among(scene, active):
         geometry, members = contact_geometry(scene, t, q), active.astype(q.dtype)
-        of_one = lambda kick: solve_masked(geometry.delassus_matrix, -kick, members)
+        of_one = lambda kick: geometry.delassus.solve(-kick, members)
         return jax.vmap(of_one, in_axes=1, out_axes=1)(geometry.mobility.T), ()
 
     nothing = jnp.zeros((active.shape[0], q.shape[0]), q.dtype)

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.dense import solve_masked
 from ..numerics.tolerances import closeness
 from .complementarity import complementarity_support
 from .contact import ContactGeometry, gap_rate_and_bias
@@ -22,21 +21,39 @@ class Selection(NamedTuple):
     """Closed contacts with lambda_i = 0 that do not open either: redundant, or touching without force."""
 
 
+class TransitionImpulse(NamedTuple):
+    """All impulses of an event."""
+
+    impact: Float[Array, "contact"]
+    """Those of the impact."""
+    settling: Float[Array, "contact"] | None
+    """Those, of either sign, that bring neighbours to rest after it."""
+    settling_energy: Float[Array, ""] | None
+    """Twice the kinetic energy of what they change, |M^-1 G P|^2 in the kinetic metric [J]."""
+
+    @property
+    def total(self) -> Float[Array, "contact"]:
+        """Their sum."""
+        return self.impact if self.settling is None else self.impact + self.settling
+
+
 def transition_impulse(
     geometry: ContactGeometry,
     rate,
     restitution,
     support: Bool[Array, "contact"],
-    brought_to_rest: Bool[Array, "contact"],
-) -> Float[Array, "contact"]:
+    brought_to_rest: Bool[Array, "contact"] | None = None,
+) -> TransitionImpulse:
     """All impulses of an event. First those of the impact, with phi'+ = -e phi'- on the support: W_SS P_S =
-    -(1 + e) phi'-_S, the equality part of (T3). Then those, of either sign, with phi'+ = 0 on the contacts brought to
-    rest."""
-    W = geometry.delassus_matrix
-    impulse = solve_masked(W, -(1 + restitution) * rate, support.astype(rate.dtype))
-    if rate.shape[0] == 1:  # one contact has no neighbour to settle with
-        return impulse
-    return impulse + solve_masked(W, -(rate + W @ impulse), brought_to_rest.astype(rate.dtype))
+    -(1 + e) phi'-_S, the equality part of (T3). Then those with phi'+ = 0 on the contacts brought to rest, where there
+    can be any."""
+    W = geometry.delassus
+    impact = W.solve(-(1 + restitution) * rate, support.astype(rate.dtype))
+    if brought_to_rest is None:
+        return TransitionImpulse(impact, None, None)
+    left = rate + W @ impact
+    settling = W.solve(-left, brought_to_rest.astype(rate.dtype))
+    return TransitionImpulse(impact, settling, -settling @ left)
 
 
 def impulse_support(
@@ -46,7 +63,7 @@ def impulse_support(
 
     `speed` (contact,) is what rounding in the rates is relative to."""
     noise = closeness(rate.dtype) * speed
-    return complementarity_support(geometry.delassus_matrix, (1 + restitution) * rate, closed, noise)
+    return complementarity_support(geometry.delassus, (1 + restitution) * rate, closed, noise)
 
 
 class GapAcceleration(NamedTuple):
@@ -58,8 +75,8 @@ class GapAcceleration(NamedTuple):
 
     def held(self, geometry: ContactGeometry, active: Bool[Array, "contact"]) -> Float[Array, "contact"]:
         """Phi'' where the active contacts are held, by (T1): free + W lambda."""
-        multiplier = solve_masked(geometry.delassus_matrix, -self.free, active.astype(self.free.dtype))
-        return self.free + geometry.delassus_matrix @ multiplier
+        multiplier = geometry.delassus.solve(-self.free, active.astype(self.free.dtype))
+        return self.free + geometry.delassus @ multiplier
 
 
 def gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v) -> GapAcceleration:
@@ -78,5 +95,5 @@ def gauss_selection(
     0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0; a rate up to `slowest` (contact,) counts as none.
     """
     still = closed & (jnp.abs(rate) <= slowest)
-    active = complementarity_support(geometry.delassus_matrix, acceleration.free, still, acceleration.noise)
+    active = complementarity_support(geometry.delassus, acceleration.free, still, acceleration.noise)
     return Selection(active, still & ~active & (acceleration.held(geometry, active) <= acceleration.noise))

@@ -16,7 +16,7 @@ from ..numerics.tolerances import closeness
 from ..search.gap_search import gap_kinds, search_gaps, warn_of_sampled
 from ..search.path import Path
 from ..status import Status
-from .contact import Among, Instant, among_wanted, contact_geometry, gap_and_rate
+from .contact import FEW, Among, Instant, among_wanted, contact_geometry, gap_and_rate
 from .decisions import ImpactDetail, Limits, decide_transition
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .held import load_varies, search_load, search_way, supports_move
@@ -167,16 +167,21 @@ class MechanicalSystem(AbstractFlatSystem):
         q, v, _ = self.split(x)
         detail: ImpactDetail = decision.detail
 
+        settles = self.scene.sustained_contact and detail.support.shape[0] > 1
+
         def among(scene, detail: ImpactDetail):
             geometry = contact_geometry(scene, t, q)
             _, rate = gap_and_rate(scene, t, q, v)
             restitution = jnp.where(detail.plastic, 0, scene.restitution())
-            impulse = transition_impulse(geometry, rate, restitution, detail.support, detail.brought_to_rest)
+            rests = detail.brought_to_rest if settles else None
+            impulse = transition_impulse(geometry, rate, restitution, detail.support, rests).total
             return impulse, (geometry.mobility @ impulse, jnp.sum(jnp.where(detail.triggered, -rate, 0)))
 
         wanted = detail.triggered | detail.support | detail.brought_to_rest
         nothing = jnp.zeros(wanted.shape, x.dtype)
-        impulse, (kick, closing_speed) = among_wanted(self.scene, wanted, Among(among, detail, nothing))
+        # The impulses of an impact are at independent contacts, and so are those that bring to rest.
+        at_most = 2 * self.dof + 1 if self.dof <= FEW else None
+        impulse, (kick, closing_speed) = among_wanted(self.scene, wanted, Among(among, detail, nothing), at_most)
         after = x.at[self.dof : 2 * self.dof].add(kick)
         return after, ImpactReport(impulse, closing_speed)
 

@@ -123,7 +123,9 @@ def principal_pivot(tableau: Float[Array, "n columns"], k) -> Float[Array, "n co
     return jnp.where(here[:, None], row, rest)
 
 
-def pivoted_on(tableau: Float[Array, "n columns"], members: Bool[Array, "n"]) -> Float[Array, "n columns"]:
+def pivoted_on(
+    tableau: Float[Array, "n columns"], members: Bool[Array, "n"], pivot=principal_pivot
+) -> Float[Array, "n columns"]:
     """The tableau after a principal pivot on each member."""
 
     n = members.shape[0]
@@ -133,7 +135,7 @@ def pivoted_on(tableau: Float[Array, "n columns"], members: Bool[Array, "n"]) ->
         is_none = lambda k: (k < n) & ~lax.dynamic_index_in_dim(members, k, keepdims=False)
         return lax.while_loop(is_none, lambda k: k + 1, k)
 
-    take = lambda carry: (principal_pivot(*carry), next_member(carry[1] + 1))
+    take = lambda carry: (pivot(*carry), next_member(carry[1] + 1))
     return lax.while_loop(lambda carry: carry[1] < n, take, (tableau, next_member(jnp.array(0))))[0]
 
 

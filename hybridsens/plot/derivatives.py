@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from ..export.names import coordinate_names
 from ..mechanics.scene import AbstractScene, State
 from ..mechanics.trajectory import Trajectory
+from ..outcome import end_told
 from .figure import ABOVE, LINES, must_be_sampled, new_figure
 
 ROUNDING = 1e-10
@@ -43,10 +44,13 @@ def costate(trajectory: Trajectory, cost: Callable[[Trajectory], Array]) -> Stat
     state there. So J must be made of what follows: the final state, or a running cost. While a contact is held, only
     changes along it count. A sample at t1, where nothing follows, is nan.
 
-    Raises: ValueError without samples, for a batch, or for a motion that does not know its scene (see
-    `Trajectory.evaluate`).
+    Raises: ValueError without samples, for a batch, for a motion that broke off, or for one that does not know its
+    scene (see `Trajectory.evaluate`).
     """
     must_be_sampled(trajectory)
+    broken_off = end_told(trajectory)
+    if broken_off:  # started again at a sample it would have room for more events, and end elsewhere
+        raise ValueError(f"A costate must be that of a motion that reached t1, but this one did not.{broken_off}")
     return trajectory.from_each_sample(cost)
 
 

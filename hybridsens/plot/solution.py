@@ -33,11 +33,11 @@ def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
     states, modes = _rows("x", solution.x), _modes(solution)
     panels = len(states) + bool(modes) + 1
     axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
-    t, order = _times(solution)
+    seen = _events_between_samples(solution)
+    t, order = _times(solution, seen)
     before, after = _rows("x", solution.events.before), _rows("x", solution.events.after)
-    count = int(solution.events.count)
     for panel, (name, samples) in zip(axes, states.items(), strict=False):
-        whole = np.concatenate([before[name][:count], after[name][:count], samples])[order]
+        whole = np.concatenate([before[name][seen], after[name][seen], samples])[order]
         _draw(panel, t, whole, name)
     if modes:
         _draw_modes(axes[-2], solution, modes)
@@ -45,9 +45,15 @@ def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
     axes[-1].set_xlabel("time")
 
 
-def _times(solution: Solution):
-    """Times of samples and of both sides of every event, sorted; sorting is stable: before, after, sample."""
-    events = np.asarray(solution.events.time)[: int(solution.events.count)]
+def _events_between_samples(solution: Solution) -> np.ndarray:
+    """Numbers of the events from the first to the last sample: before and after, nothing is known between events."""
+    time, ts = np.asarray(solution.events.time)[: int(solution.events.count)], np.asarray(solution.ts)
+    return np.flatnonzero((time >= ts[0]) & (time <= ts[-1]))
+
+
+def _times(solution: Solution, seen: np.ndarray):
+    """Times of samples and of both sides of these events, sorted; sorting is stable: before, after, sample."""
+    events = np.asarray(solution.events.time)[seen]
     t = np.concatenate([events, events, np.asarray(solution.ts)])
     order = np.argsort(t, kind="stable")
     return t[order], order
@@ -81,11 +87,14 @@ def _draw(axes: Axes, t, values, name: str) -> None:
 
 def _draw_modes(axes: Axes, solution: Solution, modes: dict[str, np.ndarray]) -> None:
     ts = np.asarray(solution.ts)
+    first, last = ts[0], min(ts[-1], float(solution.end_time))  # a motion that broke off has no mode after that
     times = np.asarray(solution.events.time)[: int(solution.events.count)]
-    t = np.concatenate([ts[:1], times, ts[-1:]])
+    begins = np.flatnonzero(np.append(-np.inf, times) <= first)[-1]  # which mode the motion is in at the first sample
+    until = np.flatnonzero(np.append(-np.inf, times) <= last)[-1]
+    t = np.concatenate([[first], times[begins:until], [last]])
     for i, (name, rows) in enumerate(modes.items()):
         colour, line = LINES[i % len(LINES)]
-        values = np.append(rows[:, 0], rows[-1, 0]).astype(float)
+        values = np.append(rows[begins : until + 1, 0], rows[until, 0]).astype(float)
         axes.plot(t, values, line, color=colour, linewidth=1.3, drawstyle="steps-post", label=name)
     if all(rows.dtype.kind in "biu" for rows in modes.values()):
         axes.yaxis.set_major_locator(whole_ticks())

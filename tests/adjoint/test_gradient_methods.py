@@ -13,7 +13,7 @@ import hybridsens as hs
 from hybridsens.comparison.compare import compare, relative_error
 from hybridsens.comparison.differentiate import value_and_gradient
 from hybridsens.comparison.functional import functional
-from hybridsens.comparison.gradient_methods import DEFAULT_ADJOINTS, adjoint_name, our_methods
+from hybridsens.comparison.gradient_methods import DEFAULT_ADJOINTS, name_with_settings, our_methods
 from hybridsens.parameters import flatten_parameters
 from tests.problems import reference_scenes
 from tests.problems.references import RECORDS
@@ -65,11 +65,18 @@ def test_an_adjoint_of_diffrax_that_is_not_discrete_is_refused(adjoint):
 def test_a_costate_follows_the_tolerance_unless_it_has_its_own():
     """By name and by setting; methods without tolerances stay what they are."""
     own = hs.ContinuousCostate(rtol=1e-11)
-    assert own.at_tolerance(1e-6) == own and adjoint_name(own) == "ContinuousCostate(rtol=1e-11)"
+    assert own.at_tolerance(1e-6) == own and name_with_settings(own) == "ContinuousCostate(rtol=1e-11)"
     moved = hs.ContinuousCostate(state="backward").at_tolerance(1e-6)
     assert moved == hs.ContinuousCostate(1e-6, 1e-6, "backward")
     assert hs.Replay().at_tolerance(1e-6) == hs.Replay()
-    assert adjoint_name(hs.DiffraxAdjoint(diffrax.DirectAdjoint())) == "DiffraxAdjoint(adjoint=DirectAdjoint())"
+    assert name_with_settings(hs.DiffraxAdjoint(diffrax.DirectAdjoint())) == "DiffraxAdjoint(adjoint=DirectAdjoint())"
+
+
+def test_solvers_with_other_settings_have_other_names():
+    """Points of a work-precision study are kept by these names: one's would stand for the other's."""
+    chord = diffrax.VeryChord(rtol=1e-3, atol=1e-3)
+    names = [name_with_settings(solver) for solver in (diffrax.Kvaerno5(), diffrax.Kvaerno5(root_finder=chord))]
+    assert names == ["Kvaerno5", "Kvaerno5(root_finder=VeryChord(rtol=0.001, atol=0.001))"]
 
 
 class Damped(hs.AbstractScene):

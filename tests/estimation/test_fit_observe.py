@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hybridsens import State
-from hybridsens.estimation.observers import observer
+from hybridsens.estimation.observers import observer, picks
 from hybridsens.scenes import BouncingBall
 
 START = (State([1.5], [-0.5]),)
@@ -86,3 +86,10 @@ def test_observations_of_another_shape_are_refused(observe, message):
     samples, and the fit would converge to something else."""
     with pytest.raises((ValueError, TypeError), match=message):
         _checked(observe)
+
+
+@pytest.mark.parametrize("names", [("q0", "q[0]"), ("v0", "q0 [m]", "q_0")])
+def test_two_columns_of_one_entry_are_refused(names):
+    """What was measured once would count twice, and its intervals be a third too narrow."""
+    with pytest.raises(ValueError, match=r"different entries of the state, but 'q0.*' and 'q.*' are of one"):
+        picks(names, BouncingBall(), START)

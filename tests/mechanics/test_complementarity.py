@@ -12,12 +12,19 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import nnls
 
 from hybridsens.mechanics.complementarity import complementarity_support, independent_superset
+from hybridsens.mechanics.delassus import Delassus
 from tests.closeness import assert_close
 
 CONTACTS, DOF = 4, 3
 TINY = 1e-9
 support_of = jax.jit(complementarity_support)
 larger_of = jax.jit(independent_superset)
+FORMS = {
+    "whole": lambda A: Delassus(jnp.array(A.T @ A), len(A)),
+    "by factors": lambda A: Delassus(jnp.array(A.T), len(A), jnp.array(A)),
+}
+"""W = A^T A, A = M^-1/2 G, in both of its forms."""
+in_both_forms = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 # Small whole numbers make dependent and repeated contacts, and impulses that are exactly zero, common.
 jacobians = arrays(float, (CONTACTS, DOF), elements=st.integers(-2, 2).map(float))
 pushes = arrays(float, DOF, elements=st.integers(-3, 3).map(float))
@@ -38,12 +45,13 @@ def brute_force(W, b, candidates):
     raise AssertionError("every such problem with b in the range of G^T has a solution")
 
 
+@in_both_forms
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(jacobians, pushes, choices)
-def test_support_solves_the_problem(G, push, candidates):
+def test_support_solves_the_problem(form, G, push, candidates):
     """W = G G^T may be singular (more contacts than coordinates); the motion that the impulses make is unique."""
     W, b = G @ G.T, G @ push
-    S = np.asarray(support_of(jnp.array(W), jnp.array(b), jnp.array(candidates), jnp.full(CONTACTS, 1e-12)))
+    S = np.asarray(support_of(form(G.T), jnp.array(b), jnp.array(candidates), jnp.full(CONTACTS, 1e-12)))
     assert not np.any(S & ~candidates)
     x = np.zeros(CONTACTS)
     x[S] = np.linalg.solve(W[np.ix_(S, S)], -b[S])
@@ -65,17 +73,18 @@ def many_problems(contacts, dof, count=100):
         yield G, random.integers(1, 4, dof) * random.choice([-1.0, 1.0], dof), random.random(contacts) < 2 / 3
 
 
+@in_both_forms
 @pytest.mark.parametrize("spread", [0, 2, 3])
 @pytest.mark.parametrize("contacts, dof", MANY)
-def test_support_of_many_contacts_is_that_of_nonnegative_least_squares(contacts, dof, spread):
+def test_support_of_many_contacts_is_that_of_nonnegative_least_squares(form, contacts, dof, spread):
     """min |A x + push| over x >= 0, A = M^-1/2 G^T, has the same A x by SciPy; masses reach from 10^-spread to
     10^spread, a ratio of up to 1e6. The members stay independent."""
     masses = 10.0 ** np.linspace(-spread, spread, dof)
     for G, push, candidates in many_problems(contacts, dof):
         A = (G / np.sqrt(masses)).T
-        W, b = A.T @ A, A.T @ push
+        b = A.T @ push
         noise = 1e-13 * np.linalg.norm(A, axis=0) * np.linalg.norm(push)
-        S = np.asarray(support_of(*map(jnp.array, (W, b, candidates, noise))))
+        S = np.asarray(support_of(form(A), *map(jnp.array, (b, candidates, noise))))
         assert not np.any(S & ~candidates)
         assert np.linalg.matrix_rank(A[:, S] / np.linalg.norm(A[:, S], axis=0)) == S.sum()
         x = np.zeros(contacts)
@@ -84,11 +93,38 @@ def test_support_of_many_contacts_is_that_of_nonnegative_least_squares(contacts,
         assert_close(A @ x, expected, 1e-7, scale=np.linalg.norm(push))
 
 
+def least_motion(A, b):
+    """The w of least length with A^T w + b >= 0, by non-negative least squares (Lawson and Hanson 1974, ch. 23); None
+    where there is none."""
+    columns, target = np.vstack([A, b]), np.append(np.zeros(len(A)), -1.0)
+    rest = columns @ nnls(columns, target)[0] - target
+    return None if rest[-1] < 1e-9 else rest[:-1] / rest[-1]
+
+
+@in_both_forms
+@pytest.mark.parametrize("contacts, dof", [(3, 1), (10, 1), (10, 2), (10, 3), (30, 3)])
+def test_of_dependent_contacts_those_act_that_ask_for_most(form, contacts, dof):
+    """Parallel walls of unequal restitution, or of unequal scales: b is none that a single motion makes."""
+    random, solved = np.random.default_rng(contacts + dof), 0
+    for G, push, candidates in many_problems(contacts, dof):
+        A = np.abs(G.T) + np.eye(dof, contacts)
+        b = random.uniform(1, 2, contacts) * (A.T @ push)
+        expected = least_motion(A[:, candidates], b[candidates]) if candidates.any() else np.zeros(dof)
+        if expected is None:
+            continue
+        S = support_of(form(A), *map(jnp.array, (b, candidates, np.full(contacts, 1e-11))))
+        x = form(A).solve(-jnp.array(b), S.astype(float))
+        assert_close(A @ np.asarray(x), expected, 1e-7, scale=max(1.0, np.linalg.norm(expected)))
+        solved += 1
+    assert solved > 30
+
+
+@in_both_forms
 @pytest.mark.parametrize("contacts, dof", MANY)
-def test_as_many_contacts_are_added_as_are_independent(contacts, dof):
+def test_as_many_contacts_are_added_as_are_independent(form, contacts, dof):
     """The larger set has the rank of all candidates, by singular values, and keeps what it was given."""
     for G, push, candidates in many_problems(contacts, dof, 30):
-        W = jnp.array(G @ G.T)
+        W = form(G.T)
         S = support_of(W, jnp.array(G @ push), jnp.array(candidates), jnp.full(contacts, 1e-12))
         larger = np.asarray(larger_of(W, S, jnp.array(candidates)))
         assert np.all(larger[np.asarray(S)]) and not np.any(larger & ~candidates)
@@ -110,10 +146,37 @@ def two_contacts_and_a_third_that_is_none(count=2000):
 
 
 def test_two_contacts_are_treated_like_many():
+    support = lambda W, *given: complementarity_support(Delassus(W, 2), *given)
+    larger = lambda W, *given: independent_superset(Delassus(W, 2), *given)
     found = []
     for W, b, candidates, S in two_contacts_and_a_third_that_is_none():
-        support = jax.vmap(complementarity_support)(W, b, candidates, np.full_like(b, 1e-12))
-        found.append((support[:, :2], jax.vmap(independent_superset)(W, S, candidates)[:, :2]))
+        chosen = jax.vmap(support)(W, b, candidates, np.full_like(b, 1e-12))
+        found.append((chosen[:, :2], jax.vmap(larger)(W, S, candidates)[:, :2]))
     for two, three in zip(*found, strict=True):
         assert np.array_equal(two, three)
         assert {tuple(row) for row in np.asarray(two).tolist()} == set(itertools.product([False, True], repeat=2))
+
+
+@pytest.mark.parametrize("contacts, dof", [(30, 3), (30, 12)])
+def test_both_forms_of_the_matrix_say_the_same(contacts, dof):
+    """Diagonal, rows, products, what is coupled, solutions on a set, and derivatives of these by the jacobian."""
+    for G, push, candidates in many_problems(contacts, dof, 10):
+        whole, by_factors = (form(G.T) for form in FORMS.values())
+        b, candidates = jnp.array(G @ push), jnp.array(candidates)
+        S = larger_of(whole, jnp.zeros_like(candidates), candidates)
+
+        def solved(G, by_factors, S=S, b=b):
+            W = Delassus(G, dof, G.T) if by_factors else Delassus(G @ G.T, dof)
+            return W.solve(jnp.sin(G[:, 0]) + b, S.astype(float))
+
+        assert_close(by_factors.diagonal(), whole.diagonal(), 1e-14, scale=1.0)
+        assert_close(by_factors.row(2), whole.row(2), 1e-14, scale=1.0)
+        assert_close(by_factors @ b, whole @ b, 1e-12, scale=1.0)
+        assert by_factors.couples(S) == whole.couples(S)
+        assert not by_factors.couples(S & (jnp.cumsum(S) == 1))
+        x = np.asarray(by_factors.solve(b, S.astype(float)))
+        assert_close((np.asarray(whole.rows) @ x)[S], b[S], 1e-12, scale=jnp.max(jnp.abs(b)))
+        assert np.all(x[~np.asarray(S)] == 0)
+        for derivative in (jax.jacfwd, jax.jacrev):
+            found, expected = (jax.jit(derivative(lambda G, k=k: solved(G, k)))(jnp.array(G)) for k in (True, False))
+            assert_close(found, expected, 1e-9, scale=jnp.max(jnp.abs(expected)))

@@ -130,3 +130,53 @@ def test_marks_go_through_gradients_and_batches(way):
         return
     slopes, found = jax.jit(jax.vmap(gradient))(jnp.full(2, 0.8), jnp.array([1.0, 1.001]))
     assert found[:, 0].tolist() == [True, False] and bool(jnp.all(jnp.isfinite(slopes)))
+
+
+class Floors(hs.AbstractScene):
+    """A body above a floor, at distances that are said in other units: gap_i = scale_i (q - floor_i(t))."""
+
+    scale: jax.Array
+    e: jax.Array
+    lift: jax.Array
+    """Accelerations of the floors, all of them at 0 and at rest at t = 0."""
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return jnp.array([-9.81])
+
+    def gap(self, t, q):
+        return self.scale * (q[0] - self.lift * t**2 / 2)
+
+    def restitution(self):
+        return self.e
+
+
+class ElasticFloors(Floors):
+    """The same, where no contact stays closed."""
+
+    sustained_contact = False
+
+
+@pytest.mark.parametrize("scale", [[2.0, 1.0], [3.0, 1.0, 2.0], [2.0, *[3.0] * 8, 1.0]], ids=len)
+def test_of_floors_at_one_place_the_most_elastic_one_acts(scale):
+    """The law holds at each of them, so that the body leaves with the largest of the restitutions (T3)."""
+    e = np.linspace(0.1, 0.9, len(scale))
+    scene = ElasticFloors(jnp.array(scale), jnp.array(e), jnp.zeros(len(scale)))
+    end = lambda scene: hs.simulate(scene, hs.State([1.0], [0.0]), t1=0.8).final.q[0]
+    fall = np.sqrt(2 / 9.81)
+    flight = 0.8 - fall
+    value, gradient = jax.jit(jax.value_and_grad(end))(scene)
+    assert abs(value - (0.9 * 9.81 * fall * flight - 9.81 * flight**2 / 2)) < 1e-9
+    assert abs(gradient.e[-1] - 9.81 * fall * flight) < 1e-8 and not np.any(gradient.e[:-1])
+
+
+@pytest.mark.parametrize("scale", [[2.0, 1.0], pytest.param([3.0, 1.0, 2.0], marks=pytest.mark.slow)], ids=len)
+def test_of_floors_that_rise_the_fastest_one_carries(scale):
+    """A body that rests on all of them at the start moves with the one that accelerates most (T2)."""
+    lift = np.linspace(0.5, 2.0, len(scale))
+    scene = Floors(jnp.array(scale), jnp.zeros(len(scale)), jnp.array(lift))
+    motion = jax.jit(lambda scene: hs.simulate(scene, hs.State([0.0], [0.0]), t1=1.0))(scene)
+    assert abs(motion.final.q[0] - 1.0) < 1e-9
+    assert np.flatnonzero(motion.mode).tolist() == [len(scale) - 1]

@@ -104,15 +104,34 @@ def test_whole_modes_have_whole_ticks_and_only_several_a_legend():
     assert whole == [True, True, False]
 
 
-def _switched_once(mode):
+@pytest.mark.parametrize(
+    ("ts", "end", "drawn"),
+    [
+        ([0.0, 2.0], 2.0, [(0.0, 3), (1.0, 4), (2.0, 4)]),
+        ([0.2, 0.4], 2.0, [(0.2, 3), (0.4, 3)]),
+        ([1.5], 2.0, [(1.5, 4), (1.5, 4)]),
+        ([0.0, 2.0], 1.2, [(0.0, 3), (1.0, 4), (1.2, 4)]),
+    ],
+    ids=["the whole", "before the event", "after it", "broken off"],
+)
+def test_a_mode_is_drawn_from_the_first_sample_to_the_last(ts, end, drawn):
+    """It is what the motion is in then, also where the samples do not span the motion, or the motion broke off."""
+    motion = _switched_once({"visits": 3}, ts, end)
+    state, mode, _ = hs.plot_solution(motion).axes
+    assert mode.lines[0].get_xydata().tolist() == [list(point) for point in drawn]
+    times = state.lines[0].get_xdata()
+    assert (times.min(), times.max()) == (ts[0], ts[-1])
+
+
+def _switched_once(mode, ts=(0.0, 1.0, 2.0), end=2.0):
     """A motion at rest whose mode changes at 1: written down, not simulated."""
-    ts, again = jnp.linspace(0.0, 2.0, 3), types.SimpleNamespace(initial_mode=lambda: mode)
+    ts, again = jnp.array(ts), types.SimpleNamespace(initial_mode=lambda: mode)
     later = {name: jnp.asarray([value + 1]) for name, value in mode.items()}
     later = {name: value if name != "on" else jnp.array([False]) for name, value in later.items()}
     rest = jnp.zeros(1)
     events = SolutionEvents(jnp.ones(1), jnp.zeros(1, int), rest, rest, later, jnp.array(1))
     steps = Steps(jnp.array(1), jnp.array(0))
-    return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, hs.Status.successful, ts[-1], steps, again)
+    return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, hs.Status.successful, jnp.array(end), steps, again)
 
 
 def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):
@@ -138,6 +157,12 @@ def test_a_motion_that_broke_off_is_shown_as_far_as_it_came(ts, frames, tmp_path
     hs.animate(NamedBall(), _broken_off(ts), frames_per_second=5, size=(2.0, 2.0)).save(tmp_path / "ball.gif")
     with Image.open(tmp_path / "ball.gif") as gif:
         assert gif.n_frames == frames
+
+
+def test_a_motion_that_broke_off_has_no_costate():
+    """Started again at a sample it would have room for more events, and end elsewhere."""
+    with pytest.raises(ValueError, match=r"must be that of a motion that reached t1, but .* broke off at t = 1\.17"):
+        hs.costate(_broken_off([0.0, 0.2, 1.2]), lambda following: following.final.q[0])
 
 
 def test_a_motion_that_reached_no_sample_is_not_shown():

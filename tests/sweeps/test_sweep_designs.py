@@ -147,3 +147,18 @@ def test_a_design_prints_as_a_line():
     """Assert that its points are told of, not listed."""
     design = grid(BouncingBall(), {"height": np.linspace(1, 2, 500), "weight": [9.0, 10.0]})
     assert str(design) == "Design(grid, 500 x 2 points of BouncingBall: height 1 to 2, weight 9 to 10)"
+
+
+class Two(eqx.Module):
+    """An array of parameters."""
+
+    m: jax.Array
+
+
+@pytest.mark.parametrize("design", [lambda scene, names: grid(scene, dict.fromkeys(names, [1.0])),
+                                    lambda scene, names: sobol(scene, dict.fromkeys(names, (0.0, 1.0)), 4)],
+                         ids=["grid", "sobol"])  # fmt: skip
+def test_a_parameter_is_varied_once(design):
+    """Two spellings of one entry: the later one would win, and the axis of the other do nothing."""
+    with pytest.raises(ValueError, match=r"named once, but 'm\[0, 1\]' and 'm\[0,1\]' are one"):
+        design(Two(jnp.zeros((1, 2))), ["m[0, 1]", "m[0,1]"])

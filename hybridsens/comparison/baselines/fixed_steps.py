@@ -60,7 +60,7 @@ def _reset_where_closed(scene: AbstractScene, t, q, v):
     e = scene.restitution()
     for i in range(e.shape[0]):
         gap, rate = gap_and_rate(scene, t, q, v)
-        impulse = -(1 + e[i]) * rate[i] / geometry.delassus_matrix[i, i]
+        impulse = -(1 + e[i]) * rate[i] / geometry.delassus.diagonal()[i]
         v = jnp.where((gap[i] < 0) & (rate[i] < 0), v + geometry.mobility[:, i] * impulse, v)
     return v
 

@@ -30,7 +30,7 @@ class PenaltyScene(AbstractScene):
     def force(self, t, q, v):
         gap, rate = gap_and_rate(self.scene, t, q, v)
         geometry = contact_geometry(self.scene, t, q)
-        mobility = jnp.where(gap < 0, jnp.diag(geometry.delassus_matrix), 1)
+        mobility = jnp.where(gap < 0, geometry.delassus.diagonal(), 1)
         push = -self.stiffness * gap - self.damping(mobility) * rate
         return self.scene.force(t, q, v) + geometry.jacobian.T @ jnp.where(gap < 0, push, 0)
 
@@ -52,8 +52,8 @@ class PenaltyScene(AbstractScene):
 def soften(scene: AbstractScene, state: State, t0, contact_time) -> PenaltyScene:
     """The scene with springs such that a free impact lasts `contact_time`: k = (pi / contact_time)^2 / W_ii, with the
     W_ii of the start."""
-    W = contact_geometry(scene, jnp.asarray(t0, state.q.dtype), state.q).delassus_matrix
-    return PenaltyScene(scene, (jnp.pi / contact_time) ** 2 / lax.stop_gradient(jnp.diag(W)))
+    W = contact_geometry(scene, jnp.asarray(t0, state.q.dtype), state.q).delassus
+    return PenaltyScene(scene, (jnp.pi / contact_time) ** 2 / lax.stop_gradient(W.diagonal()))
 
 
 def penalty_contact(
