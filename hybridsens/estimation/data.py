@@ -114,7 +114,12 @@ def measurements(
 
 
 def as_numbers(given: Any) -> np.ndarray:
-    """An array of floats, with NaN for what a masked array hides."""
+    """An array of floats, with NaN for what a masked array hides. Raises: ValueError for complex numbers."""
+    if np.iscomplexobj(given):
+        raise ValueError(
+            "What was measured must be real numbers, but there are complex ones: give their real and their imaginary "
+            "parts as columns."
+        )
     return np.ma.asarray(given, float).filled(np.nan) if np.ma.isMaskedArray(given) else np.asarray(given, float)
 
 
@@ -154,8 +159,8 @@ def _values(values: Any, samples: int) -> np.ndarray:
         y = as_numbers(values)
     except (TypeError, ValueError) as error:
         raise ValueError(
-            f"`values` must be an array of numbers, but is a {type(values).__name__} that is none. A table with named "
-            "columns goes to `read_measurements` or straight to `fit`."
+            f"`values` must be an array of real numbers, but is a {type(values).__name__} that is none. A table with "
+            "named columns goes to `read_measurements` or straight to `fit`."
         ) from error
     y = y[:, None] if y.ndim == 1 else y
     if y.ndim != 2 or y.shape[0] != samples:

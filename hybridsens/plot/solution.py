@@ -80,7 +80,7 @@ def _draw(axes: Axes, t, values, name: str) -> None:
         colour, line = LINES[i % len(LINES)]
         label = f"{name}[{i}]" if shown.shape[1] > 1 else None
         axes.plot(t, shown[:, i], line, color=colour, linewidth=1.3, label=label)
-    axes.set_ylabel(name)
+    axes.set_ylabel(name if values.shape[1] <= MOST else f"{name}: {MOST} of {values.shape[1]}")
     if shown.shape[1] > 1:
         axes.legend(ncols=shown.shape[1], **ABOVE)
 

@@ -78,6 +78,9 @@ def grid(scene: Any, values: Mapping[str, Sequence[float] | np.ndarray | jax.Arr
             f"{type(values).__name__}."
         )
     check_names(scene, values)
+    complex_ones = [name for name, axis in values.items() if np.iscomplexobj(axis)]
+    if complex_ones:
+        raise ValueError(f"The values of {complex_ones[0]!r} must be real numbers, but are complex.")
     axes = {name: np.asarray(axis, float) for name, axis in values.items()}
     for name, axis in axes.items():
         if axis.ndim != 1 or axis.size == 0 or not np.isfinite(axis).all():

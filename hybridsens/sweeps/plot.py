@@ -9,6 +9,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
+from ..parameters import split_name
 from ..plot.figure import new_figure, whole_ticks
 from .dataset import gradients
 
@@ -28,7 +29,11 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     dataset = dataset.sortby(list(dims))  # the cells of a map lie beside each other
     maps = {"J": dataset.J}
     derivatives = gradients(dataset)
-    maps |= {f"|dJ/d {dim}|": abs(derivatives[dim]) for dim in map(str, dims) if dim in derivatives}
+    for dim in map(str, dims):
+        name, entry = split_name(dim)
+        if name in derivatives:
+            inner = [axis for axis in derivatives[name].dims if axis not in dims]
+            maps[f"|dJ/d {dim}|"] = abs(derivatives[name][dict(zip(inner, entry or (), strict=True))])
     if "event_count" in dataset:
         maps["events"] = dataset.event_count.where(dataset.J.notnull())
     columns = 2 if len(maps) > 3 else len(maps)

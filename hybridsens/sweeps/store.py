@@ -146,14 +146,24 @@ def _create_at_once(location, create) -> None:
     if not is_path or (path.is_dir() and any(path.iterdir())):
         create(location)
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as beside:
+    with _folder_beside(path) as beside:
         create(Path(beside) / path.name)
         try:
             os.replace(Path(beside) / path.name, path)
         except OSError:
             if not path.exists():  # else that of the other process
                 raise
+
+
+def _folder_beside(path: Path) -> tempfile.TemporaryDirectory:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise OSError(
+            f"`store` must be in a folder that can be written to, but {path} is not ({error.strerror}): name another "
+            "one."
+        ) from error
 
 
 def _state(location) -> dict | None:

@@ -80,3 +80,9 @@ def test_a_variable_along_another_dimension_is_refused():
     dataset = xarray.Dataset({"q0": ("t", 10 * TIMES), "other": ("place", TIMES)}, {"t": TIMES})
     with pytest.raises(ValueError, match="'other' must have one or two dimensions, of which the first is the time 't'"):
         read_measurements(dataset)
+
+
+def test_complex_numbers_are_no_measurements():
+    """Assert that they are refused; their imaginary part would be lost."""
+    with pytest.raises(ValueError, match="must be an array of real numbers"):
+        hs.measurements(TIMES, np.array([[1.0], [2.0j], [3.0]]), names=["q0"])

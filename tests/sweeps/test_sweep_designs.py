@@ -162,3 +162,9 @@ def test_a_parameter_is_varied_once(design):
     """Two spellings of one entry: the later one would win, and the axis of the other do nothing."""
     with pytest.raises(ValueError, match=r"named once, but 'm\[0, 1\]' and 'm\[0,1\]' are one"):
         design(Two(jnp.zeros((1, 2))), ["m[0, 1]", "m[0,1]"])
+
+
+def test_complex_values_are_refused():
+    """Their imaginary part would be lost."""
+    with pytest.raises(ValueError, match=r"values of 'm\[0, 1\]' must be real numbers, but are complex"):
+        grid(Two(jnp.zeros((1, 2))), {"m[0, 1]": [1.0, 2.0 + 1.0j]})

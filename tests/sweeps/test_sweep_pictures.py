@@ -53,6 +53,17 @@ def test_a_map_shows_value_both_derivatives_and_needs_two_parameters():
         plot_sweep(found.isel(a=0))
 
 
+def test_a_map_over_an_entry_shows_the_derivative_by_it():
+    """Assert that of an array's derivative the entry that is varied is drawn."""
+    scene = {"a": jnp.array(1.0), "m": jnp.ones((1, 2))}
+    design = grid(scene, {"a": [1.0, 2.0], "m[0, 1]": [1.0, 2.0, 3.0]})
+    found = sweep(lambda s: s["a"] * s["m"][0, 1] ** 2 + s["m"][0, 0], design, progress=False)
+    maps = {axes.get_title(): axes for axes in plot_sweep(found).axes if axes.get_title()}
+    assert list(maps) == ["J", "|dJ/d a|", "|dJ/d m[0, 1]|"]
+    cells = maps["|dJ/d m[0, 1]|"].collections[0].get_array().reshape(3, 2)
+    np.testing.assert_allclose(cells, 2 * np.outer([1.0, 2.0, 3.0], [1.0, 2.0]))
+
+
 def test_a_map_of_one_count_has_one_tick_and_a_logarithmic_one_both_ends():
     """Assert that counts have whole ticks, and that ticks beside a logarithmic bar do not run into each other."""
     coords = {"a": [1.0, 2.0], "b": [1.0, 2.0]}
