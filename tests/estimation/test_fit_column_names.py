@@ -39,7 +39,8 @@ def test_the_tables_of_a_motion_are_measurements(scene, tmp_path):
 @pytest.mark.parametrize("name", ["height", "height [m]", "q", "q0", "q[0]", "q_0", "q0 [m]", "q[0] [m]"])
 def test_a_column_may_have_the_name_of_the_scene_and_a_unit(name):
     """Assert that each is the first coordinate, and that its rate is the velocity."""
-    assert picks([name, "height rate", "height rate [m/s]"], Named(), START) == (0, 1, 1)
+    for rate in ("height rate", "height rate [m/s]"):
+        assert picks([name, rate], Named(), START) == (0, 1)
 
 
 @pytest.mark.parametrize(
