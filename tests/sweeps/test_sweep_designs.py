@@ -167,4 +167,4 @@ def test_a_parameter_is_varied_once(design):
 def test_complex_values_are_refused():
     """Their imaginary part would be lost."""
     with pytest.raises(ValueError, match=r"values of 'm\[0, 1\]' must be real numbers, but are complex"):
-        grid(Two(jnp.zeros((1, 2))), {"m[0, 1]": [1.0, 2.0 + 1.0j]})
+        grid(Two(jnp.zeros((1, 2))), {"m[0, 1]": np.array([1.0, 2.0 + 1.0j])})
