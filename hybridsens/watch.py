@@ -126,7 +126,7 @@ class Watch(eqx.Module):
         old, new = modes
         look = lambda mode: self.see(lambda t, x: guards(t, x, mode), t, x, flow)
         before = look(old)
-        there = lax.cond(_equal(new, old), lambda: before, lambda: look(new))
+        there = lax.cond(same_mode(new, old), lambda: before, lambda: look(new))
         share = closeness(x.dtype) * self._share(before.scale)
         same_value = jnp.abs(there.value - before.value) <= share * self.size
         return before, same_value & (jnp.abs(there.rate - before.rate) <= share * self.speed)
@@ -152,6 +152,7 @@ def _uneven(reach: Float[Array, "state"]) -> Float[Array, "state"]:
     return reach * (1 + jnp.arange(reach.shape[0], dtype=reach.dtype) * UNEVEN % 1)
 
 
-def _equal(one, other) -> Bool[Array, ""]:
+def same_mode(one, other) -> Bool[Array, ""]:
+    """Whether two modes have equal entries."""
     pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
     return jnp.all(jnp.stack([jnp.array(True), *(jnp.all(a == b) for a, b in pairs)]))

@@ -14,14 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..interval.arithmetic import Interval
 from ..interval.enclosure import ranges
 from ..interval.repeats import identity, needed_for
 from ..xla.rewriting import calling
 from .outcomes import Differences, Outcomes, Which
-from .rules import RULES, Flat, Rule, compares, steps
+from .rules import RULES, Flat, Pair, Rule, compares, steps
 
 EVERYWHERE = 1e8
 """How far from where it is, in its own size and in units, a state is moved to see whether anything moves with it."""
@@ -85,10 +85,13 @@ class Comparisons:
     def outcomes(self, differences: Differences | None = None) -> Outcomes:
         """Those of given differences; without any those that there are."""
         found = differences or self.differences()
-        parts = [np.full(surface.shape, surface.at_equality).ravel() for surface in self._surfaces.values()]
-        at_equality = np.concatenate([np.zeros(0, bool), *parts])
-        above = (found.surface > 0) | ((found.surface == 0) & at_equality)
+        above = (found.surface > 0) | ((found.surface == 0) & self._at_equality())
         return Outcomes(above, jnp.floor(lax.stop_gradient(found.step)))
+
+    def _at_equality(self) -> np.ndarray:
+        """The outcomes where both numbers are equal."""
+        parts = [np.full(surface.shape, surface.at_equality).ravel() for surface in self._surfaces.values()]
+        return np.concatenate([np.zeros(0, bool), *parts])
 
     def held(self, which: int, outcomes: Outcomes) -> Any:
         """Output number `which` of the function, with these outcomes."""
@@ -128,6 +131,11 @@ class Comparisons:
         at_rest = Which((now.surface == 0) & (rates.surface == 0), rates.step == 0)
         return self._looked_at(outcomes, at_rest, outcomes.of_guard(guard))
 
+    def stopped(self, guard: Int[Array, ""], outcomes: Outcomes, on_zero: Bool[Array, "guard"]) -> Outcomes:
+        """The outcomes after some of the guards have come to a rest on zero, on either side by rounding: those of two
+        equal numbers, and of a whole one, unless that guard fell just now."""
+        return outcomes.stopped(on_zero, self._at_equality(), outcomes.of_guard(guard))
+
     def _looked_at(self, outcomes: Outcomes, wanted: Which, changed: Which) -> Outcomes:
         """The outcomes, with some of them as they are now, but for those that changed."""
         now = self.outcomes(self.differences(outcomes))
@@ -146,11 +154,11 @@ class Comparisons:
         none = jnp.zeros(0, bool)
         return Which(jnp.concatenate([none, *above]), jnp.concatenate([none, *whole]))
 
-    def _surface(self, equation: JaxprEqn, pair: tuple[int, int | None]) -> tuple[Surface, bool]:
+    def _surface(self, equation: JaxprEqn, pair: Pair) -> tuple[Surface, bool]:
         """The surface of a pair of operands, a new one unless it has been met; and whether it was met turned round."""
-        greater: Any = equation.invars[pair[0]]
-        less: Any = None if pair[1] is None else equation.invars[pair[1]]
-        key, wanted = (_key(greater), _key(less)), _rule(equation).at_equality
+        greater: Any = equation.invars[pair.greater]
+        less: Any = None if pair.less is None else equation.invars[pair.less]
+        key, wanted = (_key(greater), _key(less)), pair.at_equality
         for turned, known in ((False, key), (True, key[::-1])):
             for at_equality in (False, True) if wanted is None else (wanted != turned,):
                 if (known, at_equality) in self._surfaces:

@@ -63,6 +63,14 @@ class Outcomes(eqx.Module):
         whole = jnp.where(down, jnp.minimum(self.whole - 1, there), whole)
         return Outcomes(self.above ^ (jnp.arange(count) == guard), whole)
 
+    def stopped(self, on_zero: Bool[Array, "guard"], at_equality, but: Which) -> "Outcomes":
+        """The outcomes where some guards rest on zero: a floor whose upper guard does has come to the next number."""
+        count, size = self.above.size, self.whole.size
+        at_even, at_odd = on_zero[count : count + size], on_zero[count + size :]
+        up = jnp.where(_is_even(self.whole), at_odd, at_even)
+        here = self.replaced(Outcomes(jnp.asarray(at_equality), self.whole + 1), Which(on_zero[:count], up))
+        return here.replaced(self, but)
+
     def replaced(self, by: "Outcomes", where: Which) -> "Outcomes":
         """These, and some of others."""
         above, whole = jnp.where(where.surface, by.above, self.above), jnp.where(where.step, by.whole, self.whole)

@@ -13,41 +13,59 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Jaxpr, JaxprEqn
+from jax.extend.core import Jaxpr, JaxprEqn, Literal
 
 from ..interval.breaks import INTERPOLATIONS, JUMPING_CALLS, SMOOTH_CALLS
 from ..interval.enclosure import CALLS, inner_jaxpr
 from ..interval.repeats import Distinct, needed_for
 
 
+class Pair(NamedTuple):
+    """Two operands that are compared."""
+
+    greater: int
+    less: int | None
+    """None stands for 0."""
+    at_equality: bool | None = None
+    """Whether they count as in that order where both are equal; None where the result is the same."""
+
+
 class Rule(NamedTuple):
     """How an operation is made of comparisons."""
 
-    pairs: tuple[tuple[int, int | None], ...]
-    """Which operands are compared, (greater, less); None stands for 0."""
+    pairs: tuple[Pair, ...]
     result: Callable[..., Any]
     """The result, given whether each pair is in that order, and the operands."""
-    at_equality: bool | None = None
-    """Whether a pair counts as in that order where both are equal; None where the result is the same."""
+
+
+def _sign(above, not_below, a):
+    """Of what rests at 0 it is 0: two comparisons, which change at one instant where a passes 0."""
+    return above.astype(a.dtype) + not_below.astype(a.dtype) - 1
 
 
 RULES = {
-    "gt": Rule(((0, 1),), lambda above, a, b: above, False),
-    "ge": Rule(((0, 1),), lambda above, a, b: above, True),
-    "lt": Rule(((1, 0),), lambda above, a, b: above, False),
-    "le": Rule(((1, 0),), lambda above, a, b: above, True),
-    "max": Rule(((0, 1),), lambda above, a, b: jnp.where(above, a, b)),
-    "min": Rule(((0, 1),), lambda above, a, b: jnp.where(above, b, a)),
-    "abs": Rule(((0, None),), lambda above, a: jnp.where(above, a, -a)),
-    "sign": Rule(((0, None),), lambda above, a: jnp.where(above, jnp.ones_like(a), -jnp.ones_like(a))),
+    "gt": Rule((Pair(0, 1, False),), lambda above, a, b: above),
+    "ge": Rule((Pair(0, 1, True),), lambda above, a, b: above),
+    "lt": Rule((Pair(1, 0, False),), lambda above, a, b: above),
+    "le": Rule((Pair(1, 0, True),), lambda above, a, b: above),
+    "max": Rule((Pair(0, 1),), lambda above, a, b: jnp.where(above, a, b)),
+    "min": Rule((Pair(0, 1),), lambda above, a, b: jnp.where(above, b, a)),
+    "abs": Rule((Pair(0, None),), lambda above, a: jnp.where(above, a, -a)),
+    "sign": Rule((Pair(0, None, False), Pair(0, None, True)), _sign),
     "clamp": Rule(
-        ((1, 0), (2, 1)), lambda above, below, low, x, high: jnp.where(above, jnp.where(below, x, high), low)
+        (Pair(1, 0), Pair(2, 1)), lambda above, below, low, x, high: jnp.where(above, jnp.where(below, x, high), low)
     ),
 }
-"""What a sign is at 0, which is a single instant, is that of one side."""
 
-BY_FLOORS = {"ceil": lambda x: -jnp.floor(-x), "round": lambda x: jnp.floor(x + 0.5)}
+BY_FLOORS = {
+    "ceil": lambda x: -jnp.floor(-x),
+    "round": lambda x: jnp.floor(x + 0.5),
+    "rem": lambda x, y: x - y * jnp.trunc(x / y),
+}
 """Operations that are made of floors. Halves are rounded up, at a single instant."""
+
+NEUTRAL = {"max": -math.inf, "min": math.inf}
+"""An operand that never counts: softmax has one."""
 
 CALLS_BY_FLOORS = {
     "remainder": lambda x, y: x - y * jnp.floor(x / y),
@@ -117,6 +135,9 @@ def _made_of(equation: JaxprEqn) -> Callable | None:
         return CALLS_BY_FLOORS[name] if name in CALLS_BY_FLOORS and _divides(equation) else None
     if name in BY_FLOORS and _is_real(equation):
         return BY_FLOORS[name]
+    neutral = [k for k, x in enumerate(equation.invars) if name in NEUTRAL and _is_neutral(x, NEUTRAL[name])]
+    if neutral:
+        return lambda *operands: operands[1 - neutral[0]]
     which = BEFORE.get(name)
     if which is None or not _is_real(equation):
         return None
@@ -126,6 +147,10 @@ def _made_of(equation: JaxprEqn) -> Callable | None:
         return None
     result = "index" if name.startswith("arg") else "value"
     return lambda x: _first(which, x, equation.params["axes"])[result].astype(made.dtype)
+
+
+def _is_neutral(operand: Any, neutral: float) -> bool:
+    return isinstance(operand, Literal) and bool(np.all(np.asarray(operand.val) == neutral))
 
 
 def _divides(equation: JaxprEqn) -> bool:

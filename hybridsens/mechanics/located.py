@@ -69,6 +69,13 @@ class LocatedScene(AbstractSwitchedScene):
         outcomes = self._comparisons(*lax.stop_gradient((t, q, v)), own).after(number, mode.outcomes)
         return v, LocatedMode(own, outcomes)
 
+    def _at_rest(self, event, t, q, v, mode: LocatedMode, on_zero) -> LocatedMode:
+        """An impact, or a switch of the scene, may stop what is compared on the very number that it is compared with:
+        its outcome is then that of two equal numbers."""
+        compared = self._comparisons(*lax.stop_gradient((t, q, v)), mode.own)
+        outcomes = compared.stopped(event - self.own_switches, mode.outcomes, on_zero[self.own_switches :])
+        return LocatedMode(mode.own, outcomes)
+
     def _own_switch(self, event, t, q, v, own):
         if not isinstance(self.scene, AbstractSwitchedScene):
             return v, own

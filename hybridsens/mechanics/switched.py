@@ -11,9 +11,10 @@ from jaxtyping import Array, Int
 
 from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
+from ..numerics.tolerances import closeness, rounding
 from ..search.gap_search import gap_kinds, search_guards, warn_of_sampled
 from ..status import Status
-from ..watch import Seen, Watch
+from ..watch import Seen, Watch, same_mode
 from .mode import ContactMode, EventKind
 from .switches import SwitchRules, in_mode
 from .system import MechanicalSystem
@@ -39,6 +40,17 @@ class SwitchDetail(eqx.Module):
     """Which switch fell; -1 where none did."""
     own: Any
     """The scene's mode before."""
+
+
+class Chosen(eqx.Module):
+    """What is chosen at an event."""
+
+    own: Any
+    """The scene's mode after."""
+    contacts: ContactMode
+    status: Status
+    seen: Seen
+    """The switches after."""
 
 
 class SwitchedSystem(AbstractFlatSystem):
@@ -137,23 +149,45 @@ class SwitchedSystem(AbstractFlatSystem):
         contacts = self.within(own).choose(jnp.where(number >= 0, FLOW_JUMP, event), t, after, mode.contacts)
         among = jax.tree.map(lambda new, old: jnp.where(rises, old, new), contacts.mode, mode.contacts)
         after, _ = self.within(own).reset(contacts, t, after)
-        seen = self._see(t, after, own, among, mode.watch)
+        first = Chosen(own, among, contacts.status, self._see(t, after, own, among, mode.watch))
+        # What rests by its own outcome keeps it; what a contact has stopped does not.
+        by_itself = jnp.all(among.active == mode.contacts.active)
+        chosen = self._at_rest(jnp.where(by_itself, number, -1), t, after, first, mode.watch)
 
         def switched():
             flow = self.flow(t, x, mode)
-            before, same = mode.watch.compare(self._switches, (mode.own, own), t, x, flow)
-            return mode.watch.after(number, t, before, same, seen)
+            before, same = mode.watch.compare(self._switches, (mode.own, chosen.own), t, x, flow)
+            return mode.watch.after(number, t, before, same, chosen.seen)
 
-        watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, seen, event == START))
+        watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, chosen.seen, event == START))
         return dataclasses.replace(
             contacts,
-            mode=SwitchedMode(among, own, watch),
+            mode=SwitchedMode(chosen.contacts, chosen.own, watch),
             kind=jnp.where(falls, EventKind.SWITCH, contacts.kind),
             detail=SwitchDetail(contacts.detail, jnp.where(falls, number, -1), mode.own),
-            status=Status.where(rises, Status.running, contacts.status),
+            status=Status.where(rises, Status.running, chosen.status),
             at_once=self.fires_at_once(event, mode),
             silent=rises,
         )
+
+    def _at_rest(self, number, t, after, chosen: Chosen, watch: Watch) -> Chosen:
+        """The mode where an event has stopped what the scene compares, but for switch `number`: the force is another
+        one then, and the contacts are chosen by it."""
+        value, rate, scale = chosen.seen.value, chosen.seen.rate, chosen.seen.scale
+        rests = jnp.abs(rate) <= closeness(rate.dtype) * watch.speed
+        on_zero = rests & jnp.isfinite(scale) & (jnp.abs(value) <= rounding(value.dtype) * scale)
+        q, v, _ = self.mechanics.split(after)
+        scene: Any = as_written(self.mechanics.scene)
+        own = scene._at_rest(number, t, q, v, chosen.own, on_zero)
+        if own is None:
+            return chosen
+
+        def again():
+            contacts = self.within(own).choose(jnp.array(FLOW_JUMP), t, after, chosen.contacts)
+            status = Status.where(chosen.status == Status.running, contacts.status, chosen.status)
+            return Chosen(own, contacts.mode, status, self._see(t, after, own, contacts.mode, watch))
+
+        return lax.cond(same_mode(own, chosen.own), lambda: chosen, again)
 
     def _switch(self, number, t, x, before) -> tuple[Array, Any]:
         """The state and the mode after a switch has fallen."""

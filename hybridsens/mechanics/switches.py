@@ -8,7 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..validation.asked import Asked
 from ..validation.lost_derivatives import hides_tracers, method_of, warn_of_mode_after
@@ -55,6 +55,11 @@ class AbstractSwitchedScene(AbstractScene):
         """Gaps in a mode: those of every mode, unless their comparisons are held."""
         del mode
         return Asked.of(self, "gap(t, q)")(t, q)
+
+    def _at_rest(self, event: Int[Array, ""], t, q, v, mode: Any, on_zero: Bool[Array, "switch"]) -> Any:
+        """The mode after an event that has left some of `switches` on zero, where they stay, but for that number; None
+        for a scene whose mode changes by `switch` alone."""
+        del event, t, q, v, mode, on_zero
 
 
 class InMode(WrappedScene):

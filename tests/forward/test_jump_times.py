@@ -1,5 +1,6 @@
 """Declared times of kinks and jumps: steps land on them, and gradients reach them."""
 
+import functools
 import warnings
 
 import jax
@@ -111,10 +112,14 @@ def test_a_time_at_the_start_is_a_corner():
 
 
 def between(t0, t1, tau, at_once, adjoint=None):
-    """Velocities at the end and at a sample at t0, of a motion that starts at rest."""
+    """Velocities at the end and at samples at both ends, less t0, of a motion that starts at rest."""
     scene = Switched(tau[None], jnp.array([2.0]), at_once)
     motion = hs.simulate(scene, REST, t0=t0, t1=t1, ts=jnp.stack([t0, t1]), max_steps=64, adjoint=adjoint)
-    return motion.final.v[0], motion.v[:, 0] - t0
+    return jnp.concatenate([motion.final.v, motion.v[:, 0] - t0])
+
+
+by_times = jax.jit(jax.jacrev(between, argnums=(0, 1, 2)))
+by_times_forward = jax.jit(jax.jacfwd(functools.partial(between, adjoint=hs.ForwardSensitivities()), argnums=(0, 1, 2)))
 
 
 @pytest.mark.parametrize("at_once", [1.0, 0.0], ids=["at once", "after it"])
@@ -123,16 +128,13 @@ def test_a_time_at_an_end_of_the_horizon_moves_with_it(t0, t1, rate, at_once):
     """v = (t1 - t0) + 2 (t1 - tau): the derivative by both at once has one value, whichever side is taken at tau. At t1
     it was -3, and the last step looked beyond the jump: an error of the tolerance, and steps tried in vain; at t0, of
     a force that holds from just after it, too."""
-    ends = lambda tau: (jnp.array(t0), tau) if rate > 0 else (tau, jnp.array(t1))
-    tau, at_once = jnp.array(1.5), jnp.array(at_once)
-    end, samples = between(*ends(tau), tau, at_once)
     expected = t1 - t0 if rate > 0 else 3 * (t1 - t0)
-    np.testing.assert_allclose([end, *samples], [expected, -t0, expected - t0], rtol=1e-12)
-    both = lambda tau: sum(between(*ends(tau), tau, at_once)[1]) + between(*ends(tau), tau, at_once)[0]
-    by_t0 = 0 if rate > 0 else -2  # of the two samples, from which t0 is taken
-    np.testing.assert_allclose(jax.grad(both)(tau), 2 * rate + by_t0, rtol=1e-10)
-    forward = lambda tau: between(*ends(tau), tau, at_once, hs.ForwardSensitivities())[0]
-    np.testing.assert_allclose(jax.jacfwd(forward)(tau), rate, rtol=1e-10)
+    given = tuple(map(jnp.array, (t0, t1, 1.5, at_once)))
+    np.testing.assert_allclose(between(*given), [expected, -t0, expected - t0], rtol=1e-12)
+    of_both = np.array([rate, 0.0, rate]) - (0 if rate > 0 else np.array([0, 1, 1]))  # samples are less t0
+    for derivative in (by_times, by_times_forward):
+        by_t0, by_t1, by_tau = derivative(*given)
+        np.testing.assert_allclose((by_t1 if rate > 0 else by_t0) + by_tau, of_both, rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ FUNCTIONS = {
     "where": (lambda t, x: jnp.where(x[0] > 0.3, x[1], 1.0), 1),
     "at most": (lambda t, x: jnp.where(0.3 <= x[0], x[1], 1.0), 1),
     "abs": (lambda t, x: jnp.abs(x), 2),
-    "sign": (lambda t, x: jnp.sign(x[0]), 1),
+    "sign": (lambda t, x: jnp.sign(x[0]), 2),
     "relu": (lambda t, x: jax.nn.relu(x), 2),
     "clip": (lambda t, x: jnp.clip(x[0], -1, 1), 2),
     "clamp": (lambda t, x: jax.lax.clamp(-1.0, x[0], 1.0), 2),
@@ -41,7 +41,7 @@ FUNCTIONS = {
     "of constants": (lambda t, x: jnp.where(jnp.array(2.0) > 1, x[0], 0.0), 0),
     "not needed": (lambda t, x: (jnp.where(x[0] > 0, 1.0, 2.0), x[0])[1], 0),
     "smooth inside": (lambda t, x: jnp.hypot(x[0], x[1]) + jnp.logaddexp(x[0], x[1]), 0),
-    "smooth by a shift": (lambda t, x: jax.nn.softmax(jnp.append(x, t))[0], 1),  # the shift is bounded at infinity
+    "smooth by a shift": (lambda t, x: jax.nn.softmax(jnp.append(x, t))[0], 0),  # the shift is bounded at infinity
     "table": (lambda t, x: jnp.interp(x[0], jnp.arange(3.0), jnp.arange(3.0) ** 2), 0),
     "looped": (lambda t, x: jax.lax.fori_loop(0, 2, lambda k, y: jnp.maximum(y, x[0]), 0.0), 0),
     "of many": (lambda t, x: jnp.max(x[0] + jnp.arange(17.0)), 0),
@@ -54,6 +54,7 @@ FUNCTIONS = {
     "remainder": (lambda t, x: x[1] % 0.7, 2),
     "whole part": (lambda t, x: x[1] // 0.7, 2),
     "both parts": (lambda t, x: sum(jnp.divmod(x[1], 0.7)), 2),
+    "rest of a division": (lambda t, x: jnp.fmod(x[1], 0.7), 5),
     "rounded to a place": (lambda t, x: jnp.round(x[0] + 0.03, 1), 2),
     "of another's name": (lambda t, x: remainder(x[1], 0.7), 1),
     "truncated": (lambda t, x: jnp.trunc(x[1] - 0.3), 5),

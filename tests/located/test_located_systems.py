@@ -118,13 +118,14 @@ def test_drag_from_rest_has_its_closed_form():
 
 
 def test_a_motion_that_slides_along_a_jump_is_refused():
-    """x' = -sign(x) stays on 0, which no mode describes."""
+    """x' = 1/5 - sign(x) stays on 0, which no mode describes. Without the load it rests there."""
 
     class Sliding(hybridsens.AbstractHybridSystem):
+        load: jax.Array
         located_discontinuities = True
 
         def flow(self, t, x, mode):
-            return -jnp.sign(x)
+            return self.load - jnp.sign(x)
 
         def guards(self, t, x, mode):
             return jnp.zeros(0)
@@ -132,11 +133,13 @@ def test_a_motion_that_slides_along_a_jump_is_refused():
         def transition(self, event, t, x, mode):
             return x, mode
 
-    solution = hybridsens.solve(Sliding(), 0.5, t1=1.0, throw=False)
-    assert "slides along a threshold or a comparison" in solution.status.message
-    assert not bool(solution.status.reached_end) and float(solution.events.time[0]) == pytest.approx(0.5)
-    with pytest.raises(hybridsens.SimulationError, match="The last events: t = 0.5, comparison 0"):
-        hybridsens.solve(Sliding(), 0.5, t1=1.0)
+    stopped = lambda load: hybridsens.solve(Sliding(jnp.array(load)), 0.5, t1=1.0, throw=False)
+    slides, rests = stopped(0.2), stopped(0.0)
+    assert "slides along a threshold or a comparison" in slides.status.message
+    assert not bool(slides.status.reached_end) and float(slides.events.time[0]) == pytest.approx(0.5 / 0.8)
+    assert rests.status == hybridsens.Status.successful and abs(rests.final) < 1e-15
+    with pytest.raises(hybridsens.SimulationError, match="The last events: .*t = 0.625, comparison 0"):
+        hybridsens.solve(Sliding(jnp.array(0.2)), 0.5, t1=1.0)
 
 
 @pytest.mark.slow

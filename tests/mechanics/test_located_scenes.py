@@ -48,12 +48,12 @@ AT = jnp.array([0.7, 20.0, 0.8])
 
 @pytest.mark.slow
 def test_an_impact_that_turns_a_comparison_is_followed_by_it_at_once():
-    """Its bumper counts as switch 1, the direction of sliding as switch 0, and the clock of the cost as switch 2."""
+    """Its bumper counts as switch 2, the direction of sliding as switches 0 and 1, and the clock of the cost as 3."""
     events = bumped(AT)[0].events
-    kind, who = np.asarray(events.kind[:5]), np.asarray(events.contact[:5])
-    assert kind.tolist() == [3, 0, 3, 3, 3] and EventKind.SWITCH == 3 and int(events.count) == 5
-    assert sorted(who[kind == 3].tolist()) == [0, 1, 1, 2] and events.mode is None
-    assert float(events.time[1]) == float(events.time[2])
+    kind, who = np.asarray(events.kind[:6]), np.asarray(events.contact[:6])
+    assert kind.tolist() == [3, 0, 3, 3, 3, 3] and EventKind.SWITCH == 3 and int(events.count) == 6
+    assert sorted(who[kind == 3].tolist()) == [0, 1, 2, 2, 3] and events.mode is None
+    assert float(events.time[1]) == float(events.time[2]) == float(events.time[3])
 
 
 @pytest.mark.slow
@@ -66,16 +66,55 @@ def test_gradients_through_friction_bumper_and_wall_are_those_of_differences(met
     np.testing.assert_allclose(found, (each[:3] - each[3:]).T / (2e-5 * AT), atol=2e-8, rtol=1e-6)
 
 
-def test_dry_friction_ends_the_motion_where_it_comes_to_rest():
-    """Nothing says how a sliding mass stays at rest: a status does, at v0 / mu."""
+class Sliding(hybridsens.AbstractScene):
+    """A mass that a load pulls against dry friction."""
 
-    class Sliding(Bumper):
-        def force(self, t, q, v):
-            return -self.friction * jnp.sign(v)
+    located_discontinuities = True
+    load: jax.Array
+    friction: jax.Array
 
-    state = hybridsens.State([0.0], [0.35])
-    motion = hybridsens.simulate(Sliding(0.7, 1.0, 0.5), state, t1=1.0, throw=False)
-    assert not bool(motion.status.reached_end) and float(motion.events.time[0]) == pytest.approx(0.5, abs=1e-7)
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return self.load - self.friction * jnp.sign(v)
+
+    def gap(self, t, q):
+        return jnp.zeros(0)
+
+    def restitution(self):
+        return jnp.zeros(0)
+
+
+@jax.jit
+def slid(load, friction, v0):
+    """Place at t = 1, its derivatives, and the motion."""
+
+    def place(load, friction, v0):
+        motion = hybridsens.simulate(Sliding(load, friction), hybridsens.State([0.0], v0[None]), t1=1.0, throw=False)
+        return motion.final.q[0], motion
+
+    (_, motion), slopes = jax.value_and_grad(place, argnums=(0, 1, 2), has_aux=True)(load, friction, v0)
+    return motion, slopes
+
+
+def test_a_mass_that_dry_friction_stops_stays_where_no_load_pulls_it():
+    """It goes v0^2 / (2 mu). What holds it under a load nothing says: a status does, at v0 / (mu - load)."""
+    motion, (_, by_friction, by_v0) = slid(*map(jnp.array, (0.0, 0.7, 0.35)))
+    assert motion.status == hybridsens.Status.successful and float(motion.events.time[0]) == pytest.approx(0.5)
+    assert float(motion.final.q[0]) == pytest.approx(0.35**2 / 1.4) and abs(float(motion.final.v[0])) < 1e-15
+    assert [float(by_friction), float(by_v0)] == pytest.approx([-((0.35 / 0.7) ** 2) / 2, 0.35 / 0.7])
+    motion, _ = slid(*map(jnp.array, (0.3, 0.7, 0.35)))
+    assert motion.status == hybridsens.Status.event_repeats and float(motion.end_time) == pytest.approx(0.35 / 0.4)
+
+
+@pytest.mark.parametrize("load", [0.9, -0.9])
+def test_a_load_that_friction_cannot_hold_sets_a_mass_in_motion(load):
+    """q = (|load| - mu) / 2, in the direction of the load."""
+    motion, (by_load, by_friction, _) = slid(*map(jnp.array, (load, 0.7, 0.0)))
+    assert motion.status == hybridsens.Status.successful
+    assert float(motion.final.q[0]) == pytest.approx(0.1 * np.sign(load))
+    assert [float(by_load), float(by_friction)] == pytest.approx([0.5, -0.5 * np.sign(load)])
 
 
 class Valley(hybridsens.AbstractScene):
