@@ -106,6 +106,7 @@ class Complex(Damped):
         return -jnp.abs(self.damping) * v
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Complex dtype support")  # Diffrax's own, of any complex number
 def test_a_complex_parameter_has_its_gradient_and_is_refused_by_a_costate():
     """q(1) = (1 - e^-c) / c with c = |z|, whose gradient is conj(z) / c in JAX's convention. The costate's equation was

@@ -74,7 +74,12 @@ def test_hessian_by_parameters_and_all_times(place, hessian):
     assert_close(hessian(p), jax.hessian(exact)(p), 1e-6)
 
 
-@pytest.mark.parametrize("method", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
+in_either_mode = pytest.mark.parametrize(
+    "method", [pytest.param(jax.grad, id="reverse"), pytest.param(jax.jacfwd, id="forward", marks=pytest.mark.slow)]
+)
+
+
+@in_either_mode
 def test_what_broke_off_does_not_depend_on_the_end_of_the_horizon(method):
     p = numbers(1.2, ())
     adjoint = hs.ForwardSensitivities() if method is jax.jacfwd else None
@@ -86,7 +91,7 @@ def test_what_broke_off_does_not_depend_on_the_end_of_the_horizon(method):
     assert of_t0 != 0
 
 
-@pytest.mark.parametrize("method", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
+@in_either_mode
 def test_what_could_not_begin_is_the_initial_state(method):
     p = numbers(1.2, ()).at[4].set(0.1)
     adjoint = hs.ForwardSensitivities() if method is jax.jacfwd else None

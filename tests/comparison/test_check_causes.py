@@ -167,7 +167,7 @@ def _pulse(system, solve):
 
 
 @pytest.mark.filterwarnings("ignore::hybridsens.DiscontinuityWarning")
-@pytest.mark.parametrize("declared", [True, False])
+@pytest.mark.parametrize("declared", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_an_undeclared_jump_of_a_system_is_told_with_its_function(declared):
     """A push that begins at tau; each function has a remedy of its own."""
     parameters = flatten_parameters(Pulse(jnp.array(0.5), declared))

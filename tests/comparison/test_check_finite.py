@@ -83,8 +83,8 @@ def run_down(system, solve):
     ("model", "cost", "places"),
     [
         (Dragged(), fall, [("force", 0.0)]),
-        (DraggedSmoothly(), fall, []),
-        (Shuttle(), drive, [("force", 0.0)]),
+        pytest.param(DraggedSmoothly(), fall, [], marks=pytest.mark.slow),
+        pytest.param(Shuttle(), drive, [("force", 0.0)], marks=pytest.mark.slow),
         (Halved(), run_down, [("flow", pytest.approx(1.0))]),
     ],
     ids=["scene", "smooth", "switched scene", "system"],

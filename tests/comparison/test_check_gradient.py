@@ -139,6 +139,7 @@ def test_what_ends_at_rest_is_not_in_doubt():
     assert check.ok, str(check)
 
 
+@pytest.mark.slow
 def test_a_constant_in_the_cost_does_not_put_a_right_gradient_in_doubt():
     """A parameter of value 0 was moved by what changes J by as much as all of J: by 1e4."""
     check = check_gradient(Decay(0.0), lambda *asked: 1e4 + at_end(*asked), max_events=8, max_steps=1024)

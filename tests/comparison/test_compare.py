@@ -73,7 +73,9 @@ def test_replay_is_right_to_1e_7_in_the_table_of_the_elastic_stop():
     assert row.failure == "" and row.value_error < 1e-7 and row.gradient_error < 1e-7
 
 
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, id=name, marks=[pytest.mark.slow] * (name == "P4")) for name, case in CASES.items()]
+)
 def test_where_reset_converges_in_value_but_not_in_gradient(case):
     """Sixteen times smaller steps bring the value five times closer, and leave the gradient as wrong as it was."""
     coarse, fine = table(case, [reverse(f"{n}", partial(where_reset, steps=n)) for n in (2000, 32000)]).rows

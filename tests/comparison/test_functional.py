@@ -64,6 +64,7 @@ def _same(x):
 _same.defvjp(lambda x: (x, None), lambda _, cotangent: (cotangent,))
 
 
+@pytest.mark.slow
 def test_a_cost_of_reverse_mode_alone_is_told_of():
     """Assert that a `custom_vjp` is answered by what serves both modes, and not by JAX's words alone."""
     with pytest.raises(TypeError, match="in forward mode too.* write it as a jax.custom_jvp"):

@@ -86,6 +86,7 @@ def test_a_penalty_contact_is_damped_as_it_must_be_where_it_strikes():
     np.testing.assert_allclose(soft, hard, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_fixed_steps_of_a_system_give_the_dose_that_comes_at_the_start():
     """All that is left in gut and blood after one dose at t0 and one at 8 h, within 1 % of the motion itself."""
     dosing = Dosing(times=[0.0, 8.0, -1.0])

@@ -44,6 +44,7 @@ def test_the_example_prints_the_closed_form_gradient(monkeypatch, capsys):
     np.testing.assert_allclose([gradient.weight, gradient.e], expected, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_from_the_readme_to_a_fitted_parameter_of_a_scene_of_one_s_own(tmp_path, capsys):
     """The class of the README in a file of one's own, with a start and guesses, fitted to a record by the command line:
     the restitution with which the record was made, by its closed form, comes back."""

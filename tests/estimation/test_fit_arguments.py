@@ -193,7 +193,7 @@ def test_two_fits_may_have_one_store(tmp_path):
     assert store.read() is not None and list(tmp_path.iterdir()) == [store.path]
 
 
-@pytest.mark.parametrize("starts", [1, 2])
+@pytest.mark.parametrize("starts", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_store_is_there_after_a_fit_that_had_nothing_to_do(starts, tmp_path):
     """Assert that a guess at the minimum, or the best of many starts, is kept: no file was written."""
     path = tmp_path / "best.json"

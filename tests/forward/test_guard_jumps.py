@@ -66,6 +66,7 @@ class Waiting(Faster):
         return jnp.stack([jumps if name == "jumps" else x[0] - self.place for name in self.written])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:`guards` must be smooth")
 def test_it_does_not_move_with_a_guard_that_rises_at_that_place():
     """A guard that is watched again has no derivative of its time: forward gave 1.6 times, reverse 0 for it."""
@@ -101,6 +102,7 @@ END, SLOPE = 0.7 * jnp.exp(-1.3), 1.7 * jnp.exp(-1.3)
 """x(2) = place exp(place - 2), and its derivative."""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:`guards` must be smooth")
 def test_one_that_jumps_and_then_stands_still_fires_once():
     """It need not fall on to be told from one that repeats; declared, its time has a derivative."""

@@ -147,6 +147,7 @@ def test_samples_at_the_very_times():
     np.testing.assert_allclose(slope, jax.grad(exact)(TAU), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_no_times_at_all():
     """An empty array declares that there are none."""
     empty = jnp.zeros(0)

@@ -162,6 +162,7 @@ def test_a_bound_at_infinity_is_never_met():
     assert float(solution.final["q"]) == pytest.approx(np.cos(8.0), abs=1e-8) and int(solution.events.count) == 0
 
 
+@pytest.mark.slow
 def test_a_system_that_compares_nothing_is_left_as_it_is():
     class Smooth(SpringInModes):
         located_discontinuities = True
