@@ -35,7 +35,7 @@ MOVES = {
     "and would come before the end": (Falling(jnp.array(9.0)), 2.5, None),
     "away": (Falling(jnp.array(9.0), side=-1), 0.5, None),
 }
-SLOW = ("before it comes", "before another event", "before a jump time")
+SLOW = ("before it comes", "before another event", "before a jump time", "and would come before the end")
 NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in MOVES]
 
 

@@ -141,6 +141,7 @@ def test_a_motion_that_grazes_is_not_said_to_have_broken_off():
         raise_unless_successful(doubtful)
 
 
+@pytest.mark.slow
 def test_the_error_tells_how_many_of_the_steps_were_kept():
     """Of a batch there is one message for all, without numbers."""
     few = lambda t1: hs.simulate(RestlessBall(W, W / 12), hs.State([1.0], [0.0]), t1=t1, max_steps=4).final.q

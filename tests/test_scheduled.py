@@ -237,6 +237,7 @@ def test_what_cannot_be_known_is_told():
         hs.DelayQueue.empty(0)
 
 
+@pytest.mark.slow
 def test_a_time_that_is_no_number_is_told():
     """Otherwise it would never come, and its dose be left out."""
     known = jnp.array([0.5, 1.0, 1.5])

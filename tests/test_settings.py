@@ -47,6 +47,7 @@ def test_a_class_in_the_place_of_an_instance_is_told(kind, unchecked):
         hs.simulate(BouncingBall(), BouncingBall().initial_state(), t1=1.0, **given)
 
 
+@pytest.mark.slow
 def test_a_traced_tolerance_is_raised_to_what_single_precision_can_do():
     """One that is not positive is refused all the same."""
     scene, start = RestlessBall(*jnp.float32([9.81, 0.8])), hs.State(jnp.float32([1.0]), jnp.float32([0.0]))

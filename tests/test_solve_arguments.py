@@ -134,7 +134,8 @@ def test_a_solver_that_does_not_serve_is_refused(solver):
         hs.solve(Oscillator(jnp.array(1.0)), jnp.array([1.0, 0.0]), 0, t1=1.0, solver=solver)
 
 
-@pytest.mark.parametrize("inner", [diffrax.Bosh3(), pytest.param(diffrax.Kvaerno3(), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("inner", [diffrax.Bosh3(), diffrax.Kvaerno3()])
 def test_a_solver_around_another_serves(inner):
     """Its error estimate is that of two half steps."""
     solver = diffrax.HalfSolver(inner)

@@ -39,7 +39,7 @@ LANES = jnp.array([[1.0, 9.81, 0.8], [0.4, 9.81, 0.9], [6.0, 9.81, 0.8], [1.2, 8
     "transformed",
     [
         jax.jit(jax.vmap(jax.grad(height))),
-        jax.vmap(jax.jit(jax.grad(height))),
+        pytest.param(jax.vmap(jax.jit(jax.grad(height))), marks=pytest.mark.slow),
         pytest.param(
             jax.jit(jax.grad(lambda lanes: jnp.sum(jax.jit(jax.vmap(height))(lanes)))), marks=pytest.mark.slow
         ),

@@ -43,7 +43,7 @@ class AbstractSwitchedScene(AbstractScene):
     def switches(
         self, t: Float[Array, ""], q: Float[Array, "dof"], v: Float[Array, "dof"], mode: Any
     ) -> Float[Array, "switch"]:
-        """Functions of a mode, of shape (switch,), smooth in (t, q, v): something switches where one falls to 0."""
+        """Functions of a mode, of shape (switch,), smooth in (t, q, v): it switches where one falls through 0."""
 
     @abc.abstractmethod
     def switch(

@@ -66,6 +66,7 @@ def test_a_motion_ends_where_it_stops_being_a_number(which, wrong, height):
     assert_close(motion.final.q, np.array([height]), 1e-9, scale=1.0)
 
 
+@pytest.mark.slow
 def test_a_gap_without_a_rate_cannot_begin():
     """The value is right and its derivative is none: that is not called a penetration."""
     motion = run(rate_below=HIGH)

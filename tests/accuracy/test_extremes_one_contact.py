@@ -101,6 +101,7 @@ class TowardsABlunt(hs.AbstractScene):
         return jnp.ones(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.0, 1e8, 1.7e9])
 def test_what_steps_are_cut_for_is_met_at_any_clock(start):
     """At 5 - 1.24 log(1.01)^(1/8). With each cut the resolution of time was relaxed, to 1.5 s at 1e8."""
