@@ -73,3 +73,25 @@ def test_a_section_of_an_oscillator_is_passed_once_a_turn():
     solution = hs.solve(Rotation(jnp.array(3.0)), jnp.array([0.0, -1.0]), t0=1.0, t1=11.0, max_events=8)
     assert solution.events.count == 5
     assert_close(solution.events.time[:5], 1 + np.arange(5) * TURN / 3, 1e-8)  # the tolerance of the solve
+
+
+class Stopped(hs.AbstractHybridSystem):
+    """x' = -1 from 1; at 1/2 it is stopped at 0, the threshold of the other guard but for a small distance."""
+
+    distance: jax.Array
+
+    def flow(self, t, x, mode):
+        return jnp.where(mode[0], 0.0, -1.0)
+
+    def guards(self, t, x, mode):
+        return jnp.where(mode, 1.0, x - jnp.stack([0.5, self.distance]))
+
+    def transition(self, event, t, x, mode):
+        return jnp.where(event == 0, 0.0, x), mode.at[event].set(True)
+
+
+def test_a_guard_that_an_event_puts_on_0_has_not_fallen_unless_it_reaches_0_before():
+    """As the page on hybrid systems says, with its remedy."""
+    solve = jax.jit(lambda distance: hs.solve(Stopped(distance), 1.0, jnp.zeros(2, bool), t1=2.0).events)
+    counts = [int(solve(jnp.array(distance)).count) for distance in (0.0, 1e-9)]
+    assert counts == [1, 2]
