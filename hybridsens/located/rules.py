@@ -62,7 +62,7 @@ BY_FLOORS = {
     "round": lambda x: jnp.floor(x + 0.5),
     "rem": lambda x, y: x - y * jnp.trunc(x / y),
 }
-"""Operations that are made of floors. Halves are rounded up, at a single instant."""
+"""Operations that are made of floors. Halves are rounded up, where JAX rounds them to the even number."""
 
 NEUTRAL = {"max": -math.inf, "min": math.inf}
 """An operand that never counts: softmax has one."""
