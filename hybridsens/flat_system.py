@@ -212,6 +212,15 @@ class AbstractFlatSystem(eqx.Module):
         del t, x, mode
         return 0.0, 0.0
 
+    def turning_scales(
+        self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode
+    ) -> tuple[Float[Array, "guard"], Float[Array, "guard"]] | None:
+        """The same of guards that turn at zero without passing it, where no first derivative tells any size.
+
+        None, the default, for guards that turn nowhere or that `grazing_depth` judges."""
+        del t, x, mode
+        return None
+
     def grazing_depth(self, mode: Mode) -> Float[Array, "guard"] | float:
         """A minimum of a guard that stays above zero by less than this cannot be told from an event."""
         del mode

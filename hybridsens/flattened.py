@@ -96,6 +96,10 @@ class FlattenedSystem(AbstractFlatSystem):
         """Those that events have shown, or less where a guard is flatter."""
         return mode.watch.scales(lambda t, x: self._values(t, x, mode.given), t, x)
 
+    def turning_scales(self, t, x, mode: WatchedMode):
+        """Those that events have shown, or less where a guard is flatter to second order too."""
+        return mode.watch.turning_scales(lambda t, x: self._values(t, x, mode.given), t, x)
+
     def warn_of_sampled(self, t, x):
         """Say which guards are only sampled inside a step."""
         warn_of_sampled("Guards", lambda t, x: self._values(t, x, self.first_mode), t, x)

@@ -65,9 +65,21 @@ class Watch(eqx.Module):
 
         A guard may be large far from its zero and steep there, as an exponential is: its rounding at zero is not that
         of its largest value."""
-        reach = jnp.maximum(self.reach, jnp.abs(x))
-        share = self._share(jnp.abs(jax.jvp(guards, (t, x), (t, _uneven(reach)))[1]))
+        share = self._share(jnp.abs(self._moved(guards, t, x)(t, x)))
         return share * self.size, share * self.speed
+
+    def turning_scales(self, guards: Callable[[Array, Array], Array], t, x) -> tuple[Array, Array]:
+        """The same, of guards that turn at (t, x): flat to first order, they are differences of numbers as large as
+        their second derivative tells."""
+        moved = self._moved(guards, t, x)
+        slope, bend = jax.jvp(moved, (t, x), (t, _uneven(jnp.maximum(self.reach, jnp.abs(x)))))
+        share = self._share(jnp.maximum(jnp.abs(slope), jnp.abs(bend) / 2))
+        return share * self.size, share * self.speed
+
+    def _moved(self, guards: Callable[[Array, Array], Array], t, x) -> Callable[[Array, Array], Array]:
+        """By how much guards would change, to first order, if t and x changed by as much as they are here."""
+        by = t, _uneven(jnp.maximum(self.reach, jnp.abs(x)))
+        return lambda t, x: jax.jvp(guards, (t, x), by)[1]
 
     def signed(self, guards: Float[Array, "guard"]) -> Float[Array, "guard"]:
         """The guards, those that wait for their rise with the sign turned."""

@@ -7,6 +7,7 @@ three repeats end on the guard to rounding, by true steps of the solver.
 `time_resolution(t, k)` is 4^(k+1) units in the last place of t.
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import diffrax
@@ -18,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..flat_system import StepEnds
 from ..numerics.tolerances import rounding, time_resolution
-from .guards import GuardsAtStart, scales_at
+from .guards import GuardsAtStart, scales_at, turning_at_zero
 from .inside import Inside, Resolution, is_divisible, look_inside
 from .record import StepRecord
 
@@ -125,7 +126,9 @@ class EventLocator(diffrax.AbstractStepSizeController):
         begin, end, error = jnp.asarray(t0), jnp.asarray(t1), jnp.asarray(y_error)
         step = StepEnds(begin, y0, state.guard, state.rate, end, y1_candidate, guard, rate, error, error_order)
         h = t1 - t0
-        inside = self._look(system, mode, step, accurate, state)
+        turns, turn_noise = turning_at_zero(system, step, mode)
+        noise = jnp.where(turns, jnp.maximum(state.noise, turn_noise), state.noise)
+        inside = self._look(system, mode, step, accurate, dataclasses.replace(state, noise=noise), turns)
         # First a verdict.
         verdict = Verdict.of(accurate, inside)
         keep, retry_at_root, must_split = verdict
@@ -145,9 +148,10 @@ class EventLocator(diffrax.AbstractStepSizeController):
             # The error control forgets a step that was rejected for an event and not for its error.
             inner=jax.tree.map(lambda new, old: jnp.where(accurate & ~keep, old, new), inner, state.inner),
             record=state.record.append(t1, y1_candidate, keep),
-            guard=jnp.where(keep, jnp.maximum(guard, 0), state.guard),
-            rate=jnp.where(keep, rate, state.rate),
-            noise=jnp.where(keep & (guard > state.noise), 0, state.noise),
+            # One that turns on zero is left as one that the segment starts on.
+            guard=jnp.where(keep, jnp.where(turns, 0, jnp.maximum(guard, 0)), state.guard),
+            rate=jnp.where(keep, jnp.where(turns, jnp.maximum(rate, 0), rate), state.rate),
+            noise=jnp.where(keep, jnp.where(guard > noise, 0, noise), state.noise),
             shortenings=jnp.where(retry_at_root, state.shortenings + 1, shortenings),
             free_step=self._free_step(h, t1, next_t1 - next_t0, accurate, verdict, state),
             rejected=state.rejected + ~keep,
@@ -161,11 +165,11 @@ class EventLocator(diffrax.AbstractStepSizeController):
         again = ~accurate & ~(next_t1 < t1)
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, again, keep, landed, new)
 
-    def _look(self, system, mode, step: StepEnds, accurate, state: LocatorState) -> Inside:
+    def _look(self, system, mode, step: StepEnds, accurate, state: LocatorState, turns) -> Inside:
         """What a candidate step shows: by its ends, and by a search of its inside where the system has one."""
         depth = jnp.broadcast_to(system.grazing_depth(mode), step.guard1.shape)
         rounded = rounding(step.guard1.dtype) * scales_at(system, step.t1, step.x1, mode, step.guard1)[0]
-        resolution = Resolution(rounded, state.noise, state.shortenings, self.stop, depth)
+        resolution = Resolution(rounded, state.noise, turns, state.shortenings, self.stop, depth)
         inside = look_inside(step, resolution)
         if system.searches(step.t0, step.x0):
             inside = _search(system, mode, step, accurate, inside, resolution)

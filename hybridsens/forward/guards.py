@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..flat_system import StepEnds
 from ..numerics.tolerances import MOST_RELAXED, closeness, rounding, time_resolution
 
 
@@ -42,6 +43,20 @@ def scales_at(system, t, x, mode, guard) -> tuple[Float[Array, "guard"], Float[A
     """What the rounding of guards and of their rates is relative to at (t, x)."""
     size, rate_size = (jnp.broadcast_to(scale, guard.shape) for scale in system.scales(t, x, mode))
     return size, rate_size
+
+
+def turning_at_zero(system, step: StepEnds, mode) -> tuple[Bool[Array, "guard"], Float[Array, "guard"]]:
+    """Guards that turn at the end of a step on a zero that they do not pass, to what rounding can tell; and rounding
+    of the guards there.
+
+    A guard g that bends by g'' dips below its zero by g'^2 / (2 g''). Where rounding is more than that, as of
+    1 - sin t at its double root, whether it falls through zero is chance: it does not, unless it does so later."""
+    scales = system.turning_scales(step.t1, step.x1, mode)
+    if scales is None:
+        return jnp.zeros(step.guard1.shape, bool), jnp.zeros_like(step.guard1)
+    rounded, rate_rounded = (rounding(step.guard1.dtype) * scale for scale in scales)
+    bend = jnp.maximum(step.rate1 - step.rate0 - rate_rounded, 0) / (step.t1 - step.t0)  # 0 where it falls ever faster
+    return (jnp.abs(step.guard1) <= rounded) & (step.rate1**2 < rounded * bend), rounded
 
 
 def first_to_fall(candidates: Bool[Array, "guard"], guard, rate) -> tuple[Int[Array, ""], Float[Array, ""]]:

@@ -25,6 +25,8 @@ class Resolution(NamedTuple):
     """Rounding error of evaluating each guard."""
     noise: Float[Array, "guard"]
     """Rounding granted to guards that the segment started on and has not left yet."""
+    turns: Bool[Array, "guard"]
+    """Guards that turn on zero at the end of the step, without falling through it."""
     shortenings: Int[Array, ""]
     """How many times in a row the step was shortened to end on an event: each relaxes how exactly."""
     stop: Float[Array, ""]
@@ -112,7 +114,7 @@ def _cut(step: StepEnds, resolution: Resolution, first) -> tuple[StepEnds, Resol
     """The step with the guards of one block."""
     cut = lambda of_all: lax.dynamic_slice(of_all, (first,), (BLOCK,))
     guards = {name: cut(getattr(step, name)) for name in ("guard0", "rate0", "guard1", "rate1")}
-    about = {name: cut(getattr(resolution, name)) for name in ("rounding", "noise", "depth")}
+    about = {name: cut(getattr(resolution, name)) for name in ("rounding", "noise", "turns", "depth")}
     return step._replace(**guards), resolution._replace(**about)
 
 
@@ -156,7 +158,8 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*cubic), 0.5, split)
     split = jnp.where(is_divisible(t0, h), split, jnp.inf)
     split = jnp.where(finite, split, 0.5)
-    to_go = jnp.min(jnp.where(rate < 0, guard / jnp.where(rate < 0, -rate, 1), jnp.inf), initial=jnp.inf)
+    falls = (rate < 0) & ~resolution.turns
+    to_go = jnp.min(jnp.where(falls, guard / jnp.where(falls, -rate, 1), jnp.inf), initial=jnp.inf)
     landed_on, since_zero = first_to_fall(on_guard, guard, jnp.where(jumped, -jnp.inf, rate))
     grazes, jumps = jnp.any(miss <= resolution.depth), jnp.any(on_guard & jumped)
     ends_there = jnp.any(on_guard)
@@ -179,4 +182,4 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
 
 def _may_fire(resolution: Resolution) -> Bool[Array, "guard"]:
     """A guard that the segment has not left yet fires only after a root inside a step was found."""
-    return (resolution.noise == 0) | (resolution.shortenings > 0)
+    return ((resolution.noise == 0) | (resolution.shortenings > 0)) & ~resolution.turns

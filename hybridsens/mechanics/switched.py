@@ -101,6 +101,13 @@ class SwitchedSystem(AbstractFlatSystem):
         size, speed = (jnp.concatenate(both) for both in zip(contacts, switches, strict=True))
         return size, speed
 
+    def turning_scales(self, t, x, mode: SwitchedMode):
+        """Those of the switches; `grazing_depth` judges the contacts."""
+        switches = mode.watch.turning_scales(lambda t, x: self._switches(t, x, mode.own), t, x)
+        no_contact = jnp.zeros_like(mode.contacts.length)
+        size, speed = (jnp.concatenate([no_contact, scale]) for scale in switches)
+        return size, speed
+
     def grazing_depth(self, mode: SwitchedMode):
         """A switch says nothing of how nearly it was missed."""
         return jnp.concatenate([self.mechanics.grazing_depth(mode.contacts), jnp.full_like(mode.watch.size, -1)])

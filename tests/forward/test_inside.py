@@ -30,7 +30,8 @@ def step_and_resolution(guard0, guard1, rate0, rate1, h, noise, shortenings):
     none, t0 = jnp.zeros((0,)), jnp.asarray(1.0)
     step = StepEnds(t0, none, jnp.maximum(guard0, 0), rate0 / h, t0 + h, none, guard1, rate1 / h, none, 5)
     size = guard0.shape
-    return step, Resolution(jnp.full(size, 1e-14), noise, shortenings, jnp.asarray(20.0), jnp.full(size, 1e-8))
+    turns = (noise > 0) & (jnp.abs(guard1) < 1e-8)
+    return step, Resolution(jnp.full(size, 1e-14), noise, turns, shortenings, jnp.asarray(20.0), jnp.full(size, 1e-8))
 
 
 @jax.jit
