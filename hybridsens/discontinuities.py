@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 import jax
 import jax.numpy as jnp
 
-from .interval.breaks import Break, breaks
+from .interval.break_rules import Break
+from .interval.breaks import breaks
 from .system import AbstractHybridSystem
 
 

@@ -63,7 +63,7 @@ def _solution(dataset) -> Solution:
         jnp.asarray(dataset.sizes["event"]), _names(dataset.attrs),
     )  # fmt: skip
     final, cost, mode = (_tree(dataset, *names) for names in (("x", "final"), ("cost", "cost"), ("mode", "mode")))
-    return Solution(ts, x, final, cost, events, mode, *_how_it_ended(dataset), None)
+    return Solution(ts, x, final, cost, events, mode, *_how_it_ended(dataset), None, None)
 
 
 def _names(attributes) -> tuple[str, ...] | None:

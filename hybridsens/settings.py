@@ -33,7 +33,12 @@ def _tolerances(rtol, atol, dtype):
         return _raised(rtol, finest), _raised(atol, finest) if dtype == jnp.float32 else atol
     atol = max(atol, float(jnp.finfo(dtype).tiny) ** 0.5)  # the error norm squares an error over it
     if rtol < finest or (atol < finest and dtype == jnp.float32):
-        double = " For double precision call `hybridsens.configure(x64=True)` before JAX starts."
+        enabled = jax.dtypes.canonicalize_dtype(float) == jnp.float64
+        double = " For double precision " + (
+            "give the initial state in it, as by `jnp.asarray(q, float)`."
+            if enabled
+            else "call `hybridsens.configure(x64=True)` before JAX starts."
+        )
         warnings.warn(
             f"Tolerances below {finest:.1e} are beyond {dtype} and are raised to it."
             f"{double if dtype == jnp.float32 else ''}",

@@ -9,7 +9,7 @@ import jax
 import jax.core
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .export.datasets import must_be_one, with_structure, write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
@@ -72,6 +72,8 @@ class Solution(eqx.Module):
     """When it ended: t1, or where it broke off, which derivatives hold fixed."""
     steps: Steps
     """How much work it took."""
+    waiting: Bool[Array, "*batch guard"] | None
+    """Guards that could not fall at the end: below 0, they wait until they rise. None for a motion that was loaded."""
     again: Any = eqx.field(repr=False)
     """The same solve for other `ts`; `evaluate` asks it."""
 
@@ -136,6 +138,15 @@ class Solution(eqx.Module):
         yield f"steps: {accepted} accepted, {rejected} rejected; events: {int(self.events.count)}"
         if self.cost is not None:
             yield f"cost: {as_text(self.cost)}"
+        for guard in self._below_from_the_start():
+            yield f"guard {self.events.name(guard)} has been below 0 from the start: it waits until it rises"
+
+    def _below_from_the_start(self) -> list[int]:
+        """Guards that wait and have had no event, so that none can have taken them below 0."""
+        if self.waiting is None or int(self.events.count) == self.events.guard.shape[0]:
+            return []
+        fell = np.asarray(self.events.guard)
+        return [guard for guard in np.flatnonzero(self.waiting).tolist() if guard not in fell]
 
 
 def last_events(solution: Solution, shown: int = 3) -> str:

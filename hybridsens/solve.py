@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
@@ -17,7 +18,8 @@ from .discontinuities import warn_of_system
 from .export.names import event_names
 from .flattened import FlattenedSystem
 from .forward.solver import RunSettings
-from .located.system import located, own_mode, own_number
+from .located.system import located, own_guards, own_mode, own_number
+from .numerics.sample_times import time_in_the_way
 from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended
 from .passes import Options, Problem
@@ -126,7 +128,8 @@ def solve(
     if throw == "nan":
         solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
     elif throw:
-        solution = raise_unless_successful(solution, lambda solution: _shown_by_values(*written, solution))
+        told = lambda solution: _shown_by_values(*written, (t0, t1, ts), solution)
+        solution = raise_unless_successful(solution, told)
     solution = solution if adjoint.reverse_mode else forward_only(solution)
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 
@@ -165,10 +168,14 @@ class Call(eqx.Module):
         return self.tree.unflatten(leaves)
 
 
-def _shown_by_values(system: AbstractHybridSystem, x0, solution: Solution) -> str:
+def _shown_by_values(system: AbstractHybridSystem, x0, horizon: tuple, solution: Solution) -> str:
     """An end to the message of a motion that did not reach its end; "" where nothing can be seen."""
-    code = solution.status.code
-    given = "" if isinstance(code, jax.core.Tracer) or code != Status.non_finite.code else not_finite_among(system, x0)
+    t0, t1, ts = horizon
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((solution.status.code, horizon))):
+        return ""
+    if np.ndim(solution.status.code) == 0 and solution.status == Status.unsorted_times:
+        return f" {time_in_the_way(ts, t0, t1)}"
+    given = not_finite_among(system, x0) if solution.status == Status.non_finite else ""
     return f" {given}" if given else last_events(solution)
 
 
@@ -195,4 +202,5 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     status = reported.status.without_known_jumps(flat.system.known_discontinuities)
     status = flat.status_at_end(t1, final, reported.mode, status)
     end_time = where_ended(status, t1, reported.end_time)
-    return Solution(ts, samples, x, total, events, own_mode(reported.mode.given), status, end_time, steps, None)
+    waiting, mode = own_guards(~reported.mode.watch.armed, flat.system), own_mode(reported.mode.given)
+    return Solution(ts, samples, x, total, events, mode, status, end_time, steps, waiting, None)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..discontinuities import system_breaks, that_matter
-from ..interval.breaks import Break
+from ..interval.break_rules import Break
 from ..located.system import located as located_system
 from ..mechanics.located import located as located_scene
 from ..mechanics.scene import AbstractScene

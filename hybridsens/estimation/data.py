@@ -130,13 +130,13 @@ def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
         raise ValueError(f"`{name}` must have shape (sample,), but has shape {t.shape}.")
     known = np.flatnonzero(~np.isnan(t))
     later, rise = known[1:], np.diff(t[known])
-    for rows, problem in (
-        (np.flatnonzero(np.isinf(t) if gaps else ~np.isfinite(t)), "finite, but is not"),
-        (later[rise < 0], "sorted in increasing order, but falls back"),
-        (later[rise == 0], "free of duplicates, but repeats a time"),
+    for rows, problem, remedy in (
+        (np.flatnonzero(np.isinf(t) if gaps else ~np.isfinite(t)), "finite, but is not", "leave them out"),
+        (later[rise < 0], "sorted in increasing order, but falls back", "in pandas `table.sort_values(<time>)`"),
+        (later[rise == 0], "free of duplicates, but repeats a time", "in pandas `table.groupby(<time>).mean()`"),
     ):
         if rows.size:
-            raise ValueError(f"`{name}` must be {problem} at {_rows(rows)}.")
+            raise ValueError(f"`{name}` must be {problem} at {rows_told(rows)}: {remedy}.")
     return t
 
 
@@ -172,13 +172,13 @@ def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
     for name, column in zip(names, y.T, strict=True):
         if np.any(np.isinf(column)):
             raise ValueError(
-                f"Column {name!r} must be finite, but is not at {_rows(np.flatnonzero(np.isinf(column)))}."
+                f"Column {name!r} must be finite, but is not at {rows_told(np.flatnonzero(np.isinf(column)))}."
             )
         gaps = np.flatnonzero(np.isnan(column))
         if gaps.size and missing == "raise":
             raise ValueError(
-                f"Column {name!r} must have a value in every row, but is NaN at {_rows(gaps)}. Such entries are left "
-                'out of the fit by `read_measurements(data, missing="skip")`, in a terminal by --skip-missing.'
+                f"Column {name!r} must have a value in every row, but is NaN at {rows_told(gaps)}. Such entries are "
+                'left out of the fit by `read_measurements(data, missing="skip")`, in a terminal by --skip-missing.'
             )
         if gaps.size == column.size > 0:
             raise ValueError(f"Column {name!r} must have at least one value, but is NaN everywhere.")
@@ -222,7 +222,7 @@ def _must_be_positive(name: str, s: np.ndarray, where: str = "") -> None:
     if wrong.size:
         first = s[tuple(wrong[0])]
         raise ValueError(
-            f"`{name}` must be positive and finite{where}, but is {first:g} at {_rows(np.unique(wrong[:, 0]))}."
+            f"`{name}` must be positive and finite{where}, but is {first:g} at {rows_told(np.unique(wrong[:, 0]))}."
         )
 
 
@@ -234,6 +234,7 @@ def _event_columns(events: np.ndarray, sigma: Any, contacts: Any) -> tuple[np.nd
     return s, np.broadcast_to(np.asarray(contacts, int), events.shape).copy()
 
 
-def _rows(rows: np.ndarray) -> str:
+def rows_told(rows: np.ndarray) -> str:
+    """The first of these rows, in words."""
     shown = ", ".join(str(int(row)) for row in rows[:5])
     return f"row{'s' if rows.size > 1 else ''} {shown}{', ...' if rows.size > 5 else ''} (counted from 0)"

@@ -72,8 +72,8 @@ def failure(trial: Trial) -> str:
 class History:
     """Remembers the history of one run, and the best point of its present stage."""
 
-    def __init__(self, z, callbacks: Callbacks):
-        self.callbacks = callbacks
+    def __init__(self, z, callbacks: Callbacks, horizon: str = ""):
+        self.callbacks, self.horizon = callbacks, horizon
         self.z, self.loss, self.lines = z, float("inf"), []
         self.stage, self.number, self.idle = "", 0, 0
         self.first = self.best = self.last = ()
@@ -114,7 +114,7 @@ class History:
 
     def _no_motion(self, why: str) -> str:
         if not self.lines:
-            return f"The guess must have a motion that reaches its end, but at it {why}"
+            return f"The guess must have a motion that reaches its end, but at it {why}{self.horizon}"
         return (
             f"The stages before the whole record must end at a motion that reaches its end, but after {self.stage} "
             f"{why} A `GrowingHorizon` with more `steps` or less `trust` grows more slowly."
@@ -178,7 +178,7 @@ def descend(
     Raises: GuessFailed if the first point cannot be evaluated.
     """
     callbacks = callbacks or Callbacks()
-    batch_size, history, stopped = callbacks.batch_size or BatchSize(1), History(z, callbacks), ""
+    batch_size, history, stopped = callbacks.batch_size or BatchSize(1), History(z, callbacks, _horizon(problem)), ""
     done = batch_size.run(method, problem, method.begin(z, stages=stages), limits.iterations + 1)
     try:
         while not stopped:
@@ -191,6 +191,13 @@ def descend(
         stopped = INTERRUPTED
     z = jnp.asarray(history.z)  # once: to the host and back takes longer than some iterations
     return Run(z, history.loss, history.lines, history.first, history.best, stopped, history.whole)
+
+
+def _horizon(problem) -> str:
+    """Where motions begin and end beside the record: times in another unit, or from another moment, show there."""
+    times, told = problem.data.times, lambda time: f"{float(time):.6g}"
+    record = f", its record goes from t = {told(times[0])} to {told(times[-1])}" if times.size else ""
+    return f" A motion begins at t = {told(problem.t0)} and ends at {told(problem.horizon)}{record}."
 
 
 def _ended(outcome: Outcome, history: History, limits: Limits) -> str:

@@ -90,6 +90,9 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
     if isinstance(parameters, str):
         parameters = [parameters]
     names = list(known) if parameters is None else list(parameters)
+    values = [name for name in names if not isinstance(name, str)]
+    if values:
+        raise TypeError(f"`parameters` must be names, such as {next(iter(known), 'name')!r}, but has {values[0]!r}.")
     bounds = by_name("bounds", bounds)
     _check_names("`parameters`", names, list(known))
     _check_names("`bounds`", list(bounds), names)
@@ -110,7 +113,11 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
 def _check_names(what: str, names: list[str], known: list[str]) -> None:
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise ValueError(f"{what} must have names among {known}, but has {unknown}.{did_you_mean(unknown, known)}")
+        several = unknown[0].replace(",", " ").split()
+        meant = did_you_mean(unknown, known)
+        if len(several) > 1 and set(several) <= set(known):
+            meant = f" Give a list: {several}."
+        raise ValueError(f"{what} must have names among {known}, but has {unknown}.{meant}")
     if not names and what == "`parameters`" or len(set(names)) != len(names):
         raise ValueError(f"{what} must have each name once and at least one, but has {names}.")
 

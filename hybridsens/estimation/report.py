@@ -9,12 +9,17 @@ from scipy import stats
 from ..export.names import contact_names
 from ..solution import SolutionEvents
 from ..system import AbstractHybridSystem
+from .data import rows_told
 from .descend import UNFINISHED, EventSequence
 
 _BARELY = 0.9
 """Residuals larger than this part of the data's spread leave less than a fifth of its variance to the model."""
 _ALONE = 0.9
 """A direction in which one parameter has this share is that parameter's own."""
+_FAR = 7
+"""A residual that is so many times as large as half of the others is no noise of one size with them."""
+_FEW = 0.1
+"""The largest part of a column that counts as outliers."""
 _EXACT = 1e-6
 """Residuals smaller than this part of the data are rounding, and alike from sample to sample."""
 
@@ -122,6 +127,7 @@ def _doubts(result: Any) -> Iterator[str]:
             "there are no intervals: give `sigma`"
         )
     yield from _unexplained(result)
+    yield from _outliers(result)
     unit = "" if isinstance(result.scene, AbstractHybridSystem) else " s"
     for number in result.events_missing:
         yield (
@@ -158,6 +164,27 @@ def _unexplained(result: Any) -> Iterator[str]:
             yield (
                 f"residuals of {name} are as large ({size:.3g}) as the data's spread ({spread:.3g}): the model tells "
                 "hardly more than a constant. Look at the units, at the columns and at the guess"
+            )
+
+
+def _outliers(result: Any) -> Iterator[str]:
+    """A few residuals that are far larger than the others, and were counted as if they were not."""
+    if result.data.sigmas_known and np.isfinite(result.uncertainty.quantile_freedom):
+        return  # a robust fit
+    data = result.data
+    sigmas = np.ones_like(data.values) if data.sigmas is None else data.sigmas
+    columns = zip(data.names, (result.residuals / sigmas).T, (data.values / sigmas).T, strict=True)
+    for name, residuals, values in columns:
+        known = np.isfinite(residuals)
+        middle = np.median(residuals[known]) if known.any() else 0.0  # outliers draw the fit away from the others
+        size = np.abs(residuals - middle)
+        most = 1.5 * np.median(size[known]) if known.any() else 0.0
+        far = np.flatnonzero(known & (size > _FAR * most))
+        if most > _EXACT * np.std(values[known]) and 0 < far.size <= _FEW * known.sum():
+            yield (
+                f"residuals of {name} are more than {_FAR} times as large as most others at {rows_told(far)}. If these "
+                "are outliers, leave them out (nan, with `missing=\"skip\"`), or give `sigma` and `robust=3`; they "
+                "widen all intervals"
             )
 
 

@@ -1,5 +1,6 @@
 """Measurements from what people keep them in: CSV files, pandas and xarray tables, dictionaries, tuples of arrays."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from .data import Measurements, as_numbers, measurements
 _SIGMA = "sigma_"
 _TIMES = ("t", "time", "t [s]", "time [s]")
 """Names of times in the unit that a fit takes them in; in another unit they are converted by hand."""
+_IN_BRACKETS = re.compile(r"[\[(]\s*(.*?)\s*[\])]$")
 _SECONDS = ("s", "sec", "second", "seconds", "")
-"""What xarray's attribute `units` may say of them."""
+"""What xarray's attribute `units` may say of them, or what stands in brackets behind their name."""
 
 
 def read_measurements(
@@ -34,6 +36,7 @@ def read_measurements(
     - `data`: the path of a CSV file (UTF-8, commas, a header), a pandas DataFrame, an xarray Dataset or DataArray along
       one dimension, a mapping of names to columns, a pair (times, values), or Measurements, returned as they are.
     - `time`: name of the time column, or of the index of a DataFrame; default "t", "time", "t [s]" or "time [s]".
+      One that names another unit is refused.
     - `columns`: which columns are observed; default all but the time and those named `sigma_...`.
     - `sigma`: standard deviations; default the columns `sigma_<name>`, where a unit may be left off, if there is one
       for each observed column.
@@ -51,6 +54,8 @@ def read_measurements(
         return measurements(*data, sigma=sigma, names=columns, missing=missing, **events)
     table = _as_mapping(data, time)
     time = time or _time_column(table)
+    if unit := _IN_BRACKETS.search(time):
+        _check_unit_of_times(time, unit[1])
     names = _observed_columns(table, time, columns)
     if not names:
         raise ValueError(f"The table must have at least one observed column beside the time, but has {list(table)}.")
@@ -70,6 +75,15 @@ def _time_column(table: Mapping[str, Any]) -> str:
             f"`read_measurements(data, time={near!r})`, in a terminal --time {str(near)!r}, or rename it."
         )
     return known
+
+
+def _check_unit_of_times(name: Any, unit: str | None) -> None:
+    """Raises: ValueError for times in another unit than seconds: a fit would take them as they are."""
+    if unit is not None and unit not in _SECONDS:
+        raise ValueError(
+            f"The times {str(name)!r} must be in seconds, or in what the model itself counts in, but are in {unit!r}: "
+            "convert them to seconds and say so, \"t [s]\", or, if the model counts in that unit, leave it out: \"t\"."
+        )
 
 
 def _is_near(name: str) -> bool:
@@ -157,9 +171,7 @@ def _from_xarray(data: Any) -> dict[str, np.ndarray]:
     """Columns of a Dataset or DataArray; a second dimension becomes columns <name>0, <name>1, ..."""
     dataset = data if hasattr(data, "data_vars") else data.to_dataset(name=data.name or "q")
     along = next(iter(dataset.data_vars.values())).dims[0]
-    unit = dataset[along].attrs.get("units", "s")
-    if unit not in _SECONDS:
-        raise ValueError(f"The times {along!r} must be in seconds, but have the units {unit!r}: convert them.")
+    _check_unit_of_times(along, dataset[along].attrs.get("units"))
     columns = [(str(along), dataset[along].to_numpy())]
     for name, variable in dataset.data_vars.items():
         if variable.dims[:1] != (along,) or variable.ndim > 2:

@@ -137,7 +137,8 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
 
 def _doubt(motion: Motion, end: SegmentEnd, decision: Decision) -> Status:
     """Why derivatives are not to be trusted, this event included; `Status.running` if they are."""
-    jumps = end.jumped & jnp.logical_not(decision.at_once)
+    # Where a guard that was below zero jumps above it, nothing happens, so that no derivative asks for that place.
+    jumps = end.jumped & jnp.logical_not(decision.at_once) & jnp.logical_not(decision.silent)
     doubt = Status.where(jumps, Status.guard_jumps, motion.doubt)
     return Status.where(decision.grazing, Status.grazing, doubt)
 

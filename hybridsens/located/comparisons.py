@@ -20,8 +20,9 @@ from ..interval.arithmetic import Interval
 from ..interval.enclosure import ranges
 from ..interval.repeats import identity, needed_for
 from ..xla.rewriting import calling
+from .flat import Flat
 from .outcomes import Differences, Outcomes, Which
-from .rules import RULES, Flat, Pair, Rule, compares, steps
+from .rules import RULES, Pair, Rule, compares, lasts, steps
 
 EVERYWHERE = 1e8
 """How far from where it is, in its own size and in units, a state is moved to see whether anything moves with it."""
@@ -74,13 +75,19 @@ class Comparisons:
             if moved.intersection(operands):
                 moved.update(equation.outvars)
                 level = max(levels.get(operand, 0) for operand in operands)
-                if compares(equation):
+                locates = compares(equation) and lasts(equation, level)
+                if locates:
                     self._compared[place] = [self._surface(equation, pair) for pair in _rule(equation).pairs]
                 elif steps(equation):
                     self._steps[place] = Step(equation.invars[0], _room(self._steps), equation.invars[0].aval.shape)
-                level += compares(equation) or steps(equation)
+                level += locates or steps(equation)
                 levels.update(dict.fromkeys(equation.outvars, level))
         self._depth = max(levels.values(), default=0)
+
+    @property
+    def nested(self) -> bool:
+        """Whether a comparison is of numbers that the outcome of another one makes."""
+        return self._depth > 1
 
     def outcomes(self, differences: Differences | None = None) -> Outcomes:
         """Those of given differences; without any those that there are."""
@@ -118,7 +125,7 @@ class Comparisons:
         comparison in a part that the mode leaves out."""
         changed = outcomes.of_guard(guard)
         outcomes = outcomes.passed(guard, self.differences(outcomes))
-        if self._depth < 2 and len(self._given) == self._moving:
+        if not self.nested and len(self._given) == self._moving:
             return outcomes
         for _ in range(self._depth):  # what stands still follows from outcomes that were settled before
             outcomes = self._looked_at(outcomes, self._stand_still(outcomes), changed)

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 from ..system_checks import WrappedSystem, as_written
 from .comparisons import Comparisons
@@ -64,10 +64,11 @@ class LocatedSystem(WrappedSystem):
 
     def _after(self, number, t, x, mode: LocatedMode) -> LocatedMode:
         """The mode with the outcomes after guard `number` of the comparisons fell, or an event of the system: that may
-        put a count in x on the very number that it is compared with."""
+        put a count in x on the very number that it is compared with, as another outcome does to max(a, b) == a."""
         compared = self._comparisons(t, x, mode.own)
         outcomes = compared.after(number, mode.outcomes)
-        if self.guard_count == 0 and self.system.scheduled_times(x, mode.own) is None:
+        alone = self.guard_count == 0 and self.system.scheduled_times(x, mode.own) is None
+        if alone and not compared.nested:
             return LocatedMode(mode.own, outcomes)
         differences = lambda t, x: self._comparisons(t, x, mode.own).differences(outcomes)
         flow = compared.held(0, outcomes)
@@ -107,6 +108,11 @@ def asked_for_cost(system: Any) -> Any:
 def own_mode(mode: Any) -> Any:
     """The mode that the user's system speaks of."""
     return mode.own if isinstance(mode, LocatedMode) else mode
+
+
+def own_guards(of_each: Bool[Array, "guard"], system: Any) -> Bool[Array, "own"]:
+    """Of each guard, without those of comparisons."""
+    return of_each[: system.guard_count] if isinstance(system, LocatedSystem) else of_each
 
 
 def own_number(flat_number: Int[Array, "*event"], system: Any, guards: int, scheduled: int) -> Int[Array, "*event"]:

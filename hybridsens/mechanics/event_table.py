@@ -9,6 +9,7 @@ import numpy as np
 from ..export.names import contact_names
 from ..export.text import array_text, rows_shown
 from ..export.trees import as_text
+from ..numerics.sample_times import time_in_the_way
 from ..status import Status
 from ..validation.not_finite import not_finite_among
 from .mode import EventKind
@@ -90,7 +91,7 @@ def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: 
         "penetration": lambda: _of_contact("gap", scene, scene.gap(t0, state.q), np.argmin),
         "bad_restitution": lambda: _of_contact("restitution", scene, scene.restitution(), _worst_restitution),
         "bad_horizon": lambda: f"Here t0 is {t0:.9g} and t1 is {t1:.9g}.",
-        "unsorted_times": lambda: _time_in_the_way(ts, t0, t1),
+        "unsorted_times": lambda: time_in_the_way(ts, t0, t1),
         "non_finite": lambda: not_finite_among(scene, state) or _last_events(motion),
     }
     text = told.get(Status.names()[int(motion.status.code)], lambda: _last_events(motion))()
@@ -106,13 +107,6 @@ def _of_contact(what: str, scene: AbstractScene, values, pick) -> str:
 
 def _worst_restitution(e) -> int:
     return int(np.argmax(~((e >= 0) & (e <= 1))))
-
-
-def _time_in_the_way(ts, t0, t1) -> str:
-    ts = np.asarray(ts)
-    wrong = ~((ts >= t0) & (ts <= t1)) | (np.diff(ts, prepend=ts[0]) < 0)
-    first = int(np.argmax(wrong))
-    return f"Here ts[{first}] is {ts[first]:.9g}, t0 is {t0:.9g} and t1 is {t1:.9g}."
 
 
 def _last_events(motion: Any, shown: int = 3) -> str:

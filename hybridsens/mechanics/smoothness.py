@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from ..discontinuities import listed_breaks, warn
-from ..interval.breaks import Break
+from ..interval.break_rules import Break
 from ..numerics.tolerances import MOST_RELAXED, closeness, time_resolution
 from .contact import gap_and_rate
 from .mass import mass_entries

@@ -21,6 +21,19 @@ def must_lie_within(times, t0, t1) -> None:
         raise ValueError(f"Times must lie within [t0, t1] = [{t0:.9g}, {t1:.9g}], but {first:.9g} does not.")
 
 
+def time_in_the_way(ts, t0, t1) -> str:
+    """A sentence about the first of the times that lies outside of [t0, t1], or before the one before it.
+
+    All digits are shown: the last of `np.arange` is beyond t1 by the last of them alone."""
+    ts, t0, t1 = np.asarray(ts), np.asarray(t0), np.asarray(t1)
+    outside = ~((ts >= t0) & (ts <= t1))
+    first = int(np.argmax(outside | (np.diff(ts, prepend=ts[0]) < 0)))
+    nearly = np.minimum(abs(ts[first] - t0), abs(ts[first] - t1)) <= 1e-12 * np.maximum(abs(t0), abs(t1))
+    remedy = " Rounding put it there: give `jnp.clip(ts, t0, t1)`." if outside[first] and nearly else ""
+    shown = lambda time: str(time).removesuffix(".0")
+    return f"Here ts[{first}] is {shown(ts[first])}, t0 is {shown(t0)} and t1 is {shown(t1)}.{remedy}"
+
+
 def with_room(times: Float[Array, "sample"]) -> Float[Array, "room"]:
     """The times, with the last of them again and again up to a number that is a power of two.
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hybridsens.estimation import fit, measurements
+from hybridsens.estimation.report import remarks
 from hybridsens.estimation.uncertainty import Noise, uncertainty
 from hybridsens.scenes import BouncingBall
 from hybridsens.solve import solve
@@ -109,3 +110,13 @@ def test_a_jump_of_the_loss_is_no_minimum():
     assert not result.converged
     assert 1.31 < result.values[0] < 1.317
     assert "begin on the other side" in str(result)
+
+
+@one_large_program
+def test_a_few_wild_values_are_told():
+    """Assert that their rows are named, and nothing of the sort for a record without such."""
+    wild = FALL + 1e-3 * NOISE
+    wild[[3, 11]] += 0.2
+    found = remarks(fit(Falling(height=1.1), measurements(TIMES, wild), parameters=["height"]))
+    assert any("of q0 are more than 7 times as large as most others at rows 3, 11" in remark for remark in found)
+    assert not any("most others" in remark for remark in _fitted(1e-6).remarks)

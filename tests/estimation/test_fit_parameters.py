@@ -65,6 +65,7 @@ def test_an_initial_state_may_be_a_plain_number(number, as_function):
     ("parameters", "bounds", "message"),
     [
         (["stifness"], None, r"must have names among .*'stiffness'.* but has \['stifness'\]. Did you mean 'stiff"),
+        ("mass, stiffness", None, r"has \['mass, stiffness'\]. Give a list: \['mass', 'stiffness'\]."),
         (["mass", "mass"], None, "each name once"),
         (["mass"], {"mass": (2.0, 3.0)}, "must lie within its bounds"),
         (["mass"], {"mass": (3.0, 2.0)}, "lo < hi"),

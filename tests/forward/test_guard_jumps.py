@@ -74,6 +74,33 @@ def test_it_does_not_move_with_a_guard_that_rises_at_that_place():
     assert motion.status == hs.Status.guard_jumps and motion.events.count == 1
 
 
+class Turning(hs.AbstractHybridSystem):
+    """A point on a circle, and the line through the origin at an angle, which it passes once a turn."""
+
+    angle: jax.Array
+
+    def flow(self, t, x, mode):
+        return jnp.stack([-x[1], x[0]])
+
+    def guards(self, t, x, mode):
+        return (self.angle - jnp.arctan2(x[1], x[0]))[None]
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+@pytest.mark.filterwarnings("ignore:`guards` must be smooth")
+def test_one_that_jumps_above_zero_does_no_harm():
+    """The angle jumps from pi to -pi on the way to the next time, where nothing happens."""
+
+    def second(angle):
+        return hs.solve(Turning(angle), jnp.array([1.0, 0.0]), t1=8.0, max_events=4).events.time[1]
+
+    time, slope = jax.value_and_grad(second)(0.5)
+    assert_close(time, 0.5 + 2 * jnp.pi, 1e-8)
+    assert_close(slope, 1.0, 1e-8)
+
+
 class Later(hs.AbstractHybridSystem):
     """x' = 1 until the place, then -x: a guard that has no rate on either side of it, in x or in t."""
 

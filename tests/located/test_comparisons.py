@@ -58,6 +58,17 @@ FUNCTIONS = {
     "rounded to a place": (lambda t, x: jnp.round(x[0] + 0.03, 1), 2),
     "of another's name": (lambda t, x: remainder(x[1], 0.7), 1),
     "truncated": (lambda t, x: jnp.trunc(x[1] - 0.3), 5),
+    "equal at points": (lambda t, x: jnp.where(x[0] == 0.5, 1.0, x[0]), 0),
+    "no number": (lambda t, x: jnp.where(jnp.isnan(jnp.maximum(x[0], t)), 0.0, x[1]), 1),
+    "saturated": (lambda t, x: 1.0 * (jnp.clip(x[0], -1, 1) == x[0]), 5),
+    "open": (lambda t, x: 1.0 * (jax.nn.relu(x[0]) != 0), 2),
+    "one of two": (lambda t, x: 1.0 * (jnp.minimum(x[0], t) != t), 2),
+    "its own size": (lambda t, x: 1.0 * (jnp.abs(x[1]) == x[1]), 3),
+    "number of a floor": (lambda t, x: 1.0 * (jnp.floor(x[1]) == -2), 4),
+    "root of a square": (lambda t, x: jnp.sqrt(x[0] ** 2), 1),
+    "norm of one number": (lambda t, x: 2 * x[0] / jnp.linalg.norm(x[:1]), 2),
+    "norm of two": (lambda t, x: jnp.linalg.norm(x), 0),
+    "angle": (lambda t, x: jnp.arctan2(x[1], x[0]), 2),
 }
 """With the number of guards that tell where an outcome changes: two of each floor."""
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import hybridsens as hs
@@ -51,6 +52,10 @@ SHOWN = [
     pytest.param(
         0.4, 1.0, dict(ts=[0.5, 0.3]), r"^The motion could not begin .*: .* Here ts\[1\] is 0.3, t0 is 0 and t1 is 2.$",
         marks=pytest.mark.slow,
+    ),
+    (
+        0.4, 1.0, dict(t1=0.3, ts=np.arange(4) * 0.1),
+        r"Here ts\[3\] is 0.30000000000000004, t0 is 0 and t1 is 0.3. Rounding put it there: give `jnp.clip",
     ),
     (0.4, 1.0, dict(max_events=1), "did not reach its end .*: .* The last events: t = 0.4515.*, impact of floor.$"),
 ]

@@ -54,6 +54,11 @@ BROKEN = {
     ),
     "in a branch": (lambda t, q, v: lax.cond(A[0] > 0, jnp.abs, jnp.cos, v), ("jnp.abs", "v", False)),
     "in jit": (lambda t, q, v: jax.jit(jnp.abs)(v), ("jnp.abs", "v", False)),
+    "saturated": (lambda t, q, v: (jnp.where(jnp.clip(q[0], 0, t) == q[0], q, -q)), ("jnp.where", "qt", True)),
+    "number of a floor": (lambda t, q, v: jnp.where(jnp.floor(t) % 2 == 0, q, v), ("jnp.where", "t", True)),
+    "held fixed": (lambda t, q, v: lax.stop_gradient(jnp.floor(t)) * q, ("jnp.floor", "t", True)),
+    "angle": (lambda t, q, v: jnp.arctan2(q[0], v[0]), ("jnp.arctan2", "qv", True)),
+    "norm of one number": (lambda t, q, v: v[:1] / jnp.linalg.norm(v[:1]), ("the root of a square", "v", False)),
     "in checkpoint": (lambda t, q, v: jax.checkpoint(jnp.abs)(v), ("jnp.abs", "v", False)),
 }
 
@@ -68,6 +73,8 @@ SMOOTH = {
         + jnp.linalg.det(jnp.diag(q)) + jnp.linalg.inv(jnp.diag(q)) @ v + jnp.hypot(q[0], q[1]) + jnp.abs(q @ q)
     ),
     "guards of single points": lambda t, q, v: jnp.where(q == 0, 1, q) + jnp.sinc(v) + jnp.where(jnp.isnan(q), 0, q),
+    "angle on the right": lambda t, q, v: jnp.arctan2(q[0], jnp.exp(v[0])) + jnp.sqrt(v**2) * v,
+    "size that is 0": lambda t, q, v: jnp.where((r := q @ q) == 0, 1, r) + jnp.linalg.norm(v),
     "not used": lambda t, q, v: (jnp.sign(q), v)[1],
     "steady loop": lambda t, q, v: lax.while_loop(lambda x: jnp.max(x) > 1e-8, lambda x: x / (2 + q**2), v),
     "shapes": lambda t, q, v: jnp.zeros(4).at[1].set(q[0])[::2] + jnp.roll(q, 1) + jnp.tril(jnp.outer(q, v)) @ q,

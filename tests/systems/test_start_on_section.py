@@ -95,3 +95,28 @@ def test_a_guard_that_an_event_puts_on_0_has_not_fallen_unless_it_reaches_0_befo
     solve = jax.jit(lambda distance: hs.solve(Stopped(distance), 1.0, jnp.zeros(2, bool), t1=2.0).events)
     counts = [int(solve(jnp.array(distance)).count) for distance in (0.0, 1e-9)]
     assert counts == [1, 2]
+
+
+class Rising(hs.AbstractHybridSystem):
+    """x' = rate; one guard falls where x rises to 1, another where it falls to 0."""
+
+    rate: jax.Array
+
+    def flow(self, t, x, mode):
+        return self.rate
+
+    def guards(self, t, x, mode):
+        return jnp.stack([1.0 - x, x])
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+def test_a_guard_that_is_below_0_from_the_start_on_is_told_when_the_motion_is_printed():
+    """It waits until it rises. One that an event took below 0, or that has risen, is no news."""
+    moved = jax.jit(lambda rate, x0: hs.solve(Rising(rate), x0, t1=3.0, max_events=4))
+    told = lambda rate, x0: [line for line in str(moved(rate, x0)).splitlines() if "below 0" in line]
+    assert told(1.0, -1.0) == []
+    assert told(1.0, 0.5) == []
+    assert told(0.1, -1.0) == ["guard 1 has been below 0 from the start: it waits until it rises"]
+    assert moved(1.0, 0.5).waiting.tolist() == [True, False]
