@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..export.names import split_unit
 from ..plot.figure import ABOVE, new_figure, whole_ticks
 from ..system import AbstractHybridSystem
 
@@ -32,6 +33,7 @@ def _plot_data(axes: Any, result: Any) -> None:
         axes.plot(data.times, data.values[:, i], ".", color=line.get_color(), alpha=0.5)
     _mark_events(axes, result)
     _label(axes, _time(result), "data (dots) and fit (lines); dashed lines are events", len(data.names))
+    axes.set_ylabel(_ordinate(data.names))
 
 
 def _dense_times(result: Any) -> np.ndarray:
@@ -47,6 +49,14 @@ def _time(result: Any) -> str:
     return "time" if isinstance(result.scene, AbstractHybridSystem) else "time [s]"
 
 
+def _ordinate(names: Any) -> str:
+    """The name of a column that is alone; of several the unit, if it is one."""
+    units = {split_unit(name)[1] for name in names}
+    if len(names) == 1:
+        return str(names[0])
+    return f"[{units.pop()}]" if len(units) == 1 and None not in units else ""
+
+
 def _plot_residuals(axes: Any, result: Any) -> None:
     for i, name in enumerate(result.data.names):
         axes.plot(result.data.times, result.residuals[:, i], ".", label=name)
@@ -56,6 +66,7 @@ def _plot_residuals(axes: Any, result: Any) -> None:
     _mark_events(axes, result)
     shown = len(result.data.names) + bool(result.event_residuals.size)
     _label(axes, _time(result), "residuals (model - measurement)", shown)
+    axes.set_ylabel("" if result.event_residuals.size else _ordinate(result.data.names))
 
 
 def _plot_convergence(axes: Any, result: Any) -> None:

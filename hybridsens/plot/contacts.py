@@ -11,7 +11,7 @@ from ..mechanics.mode import closeness
 from ..mechanics.scene import AbstractScene
 from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
-from .figure import LINES, must_be_sampled, new_figure
+from .figure import ABOVE, LINES, must_be_sampled, new_figure
 from .motion import with_events
 
 
@@ -47,7 +47,7 @@ def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
     events, n = trajectory.events, int(trajectory.events.count)
     for i, name in enumerate(names):
         colour, style = LINES[i % len(LINES)]
-        above.plot(t, forces[:, i], style, color=colour, linewidth=1.4, label=name)
+        above.plot(t, forces[:, i], style, color=colour, linewidth=1.4, label=f"contact {name}")
         impulse, time = np.asarray(events.impulse[:n, i]), np.asarray(events.time[:n])
         below.vlines(time[impulse != 0], 0, impulse[impulse != 0], color=colour, linestyle=style, linewidth=1.6)
         below.plot(time[impulse != 0], impulse[impulse != 0], "o", color=colour, markersize=4)
@@ -55,7 +55,7 @@ def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
     below.set_ylabel(f"impulse of\nimpacts{unit_of_contact(scene, 'N s')}")
     below.set_xlabel("time [s]")
     below.set_ylim(bottom=0)
-    above.legend(title="contact", frameon=False, fontsize="small")
+    above.legend(ncols=len(names), **ABOVE)
     return figure
 
 

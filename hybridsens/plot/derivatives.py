@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..export.names import coordinate_names
+from ..export.names import coordinate_names, split_unit
 from ..mechanics.scene import AbstractScene, State
 from ..mechanics.trajectory import Trajectory
 from ..outcome import end_told
@@ -71,10 +71,11 @@ def plot_costate(scene: AbstractScene, trajectory: Trajectory, cost: Callable[[T
         for i, label in enumerate(labels):
             colour, style = LINES[i % len(LINES)]
             for k, piece in enumerate(pieces):
-                axes.plot(t[piece], np.asarray(values[piece, i]), style, color=colour, label=None if k else label)
+                name = None if k else split_unit(label)[0]  # the unit is another one, that of J by this one's
+                axes.plot(t[piece], np.asarray(values[piece, i]), style, color=colour, label=name)
         for time in times:
             axes.axvline(time, color="0.8", linewidth=0.7, zorder=0)
-        axes.legend(frameon=False, fontsize="small")
+        axes.legend(ncols=len(labels), **ABOVE)
     above, below = figure.axes
     above.set_ylabel("dJ/dq")
     below.set(ylabel="dJ/dv", xlabel="time [s]")

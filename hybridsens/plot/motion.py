@@ -40,7 +40,9 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
     contacts, (_, rates) = contact_names(scene, gaps.shape[1]), coordinate_names(scene, q.shape[1])
     draw_lines(axes[0], t, gaps, "gap", _labels(scene, "contacts", contacts))
     _draw_events(axes[0], trajectory)
-    draw_lines(axes[1], t, np.asarray(v), "velocity", _labels(scene, "coordinates", rates))
+    velocities = _labels(scene, "coordinates", rates) or ["velocity"]
+    name = velocities[0] if len(velocities) == 1 else "velocity"
+    draw_lines(axes[1], t, np.asarray(v), name, velocities if len(velocities) == v.shape[1] else None)
     _draw_closed(axes[2], t, gaps, trajectory)
     axes[2].set_yticks(range(len(contacts)), contacts)
     axes[2].set_xlabel("time [s]")
@@ -127,7 +129,8 @@ def plot_coordinates(scene: AbstractScene, trajectory: Trajectory) -> Figure:
 def plot_phase(
     scene: AbstractScene, trajectory: Trajectory, coordinate: SupportsIndex | str = 0, axes: Axes | None = None
 ) -> Figure:
-    """A coordinate's velocity against the coordinate. Impacts are dotted jumps, the start is a circle.
+    """A coordinate's velocity against the coordinate. Impacts are jumps between two triangles; the start is a circle,
+    the end a square.
 
     Arguments: the scene; its trajectory with samples; the coordinate, by its number or its name, with or without
     its unit; axes to draw in, or None for a new figure.
@@ -144,9 +147,10 @@ def plot_phase(
     axes.plot(q, v, color=LINES[0][0], linewidth=1.2)
     _draw_jumps(axes, trajectory, number)
     axes.plot(q[:1], v[:1], "o", markerfacecolor="white", color=LINES[0][0], label="start")
+    axes.plot(q[-1:], v[-1:], "s", markersize=4, color=LINES[0][0], label="end")
     axes.set_xlabel(names[number])
     axes.set_ylabel(rates[number])
-    axes.legend(frameon=False, fontsize="small")
+    axes.legend(ncols=len(axes.get_legend_handles_labels()[1]), columnspacing=1, handletextpad=0.2, **ABOVE)
     return axes.get_figure(root=True)  # type: ignore[return-value]
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from ..parameters import split_name
-from ..plot.figure import new_figure, whole_ticks
+from ..plot.figure import ABOVE, new_figure, whole_ticks
 from .dataset import gradients
 
 if TYPE_CHECKING:
@@ -99,7 +99,8 @@ def plot_bifurcation(
     """Bifurcation diagram: a state at each of the times asked for, over one parameter.
 
     Arguments: a sweep over one parameter with `states=True`, at times one period of the forcing apart, after the motion
-    has settled; the state "q" or "v" and its component. Raises ValueError if the Dataset is not of that kind.
+    has settled; the state "q" or "v" and its component. A cross at the foot marks a point without a motion. Raises
+    ValueError if the Dataset is not of that kind.
     """
     if state not in dataset:
         raise ValueError(
@@ -117,6 +118,11 @@ def plot_bifurcation(
     axes.plot(
         x, values.transpose(parameter, "sample").values.ravel(), ",k" if x.size > 20_000 else ".k", markersize=1.5
     )
+    failed = dataset[parameter].values[values.isnull().all("sample").values]
+    if failed.size:
+        at_the_foot = {"transform": axes.get_xaxis_transform(), "clip_on": False}
+        axes.plot(failed, np.zeros(failed.size), "x", color="#c8553d", label="no motion", **at_the_foot)
+        axes.legend(**ABOVE)
     axes.set_xlabel(_label(dataset[parameter]))
     axes.set_ylabel(f"{state}[{component}] once a period")
     return axes.figure  # pyright: ignore[reportReturnType]
