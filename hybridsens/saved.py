@@ -62,8 +62,9 @@ def _solution(dataset) -> Solution:
         rows("x", "event_before"), rows("x", "event_after"), rows("mode", "event_mode"),
         jnp.asarray(dataset.sizes["event"]), _names(dataset.attrs),
     )  # fmt: skip
+    waiting = jnp.asarray(dataset["waiting"].values)
     final, cost, mode = (_tree(dataset, *names) for names in (("x", "final"), ("cost", "cost"), ("mode", "mode")))
-    return Solution(ts, x, final, cost, events, mode, *_how_it_ended(dataset), None, None)
+    return Solution(ts, x, final, cost, events, mode, *_how_it_ended(dataset), waiting, None)
 
 
 def _names(attributes) -> tuple[str, ...] | None:

@@ -72,8 +72,8 @@ class Solution(eqx.Module):
     """When it ended: t1, or where it broke off, which derivatives hold fixed."""
     steps: Steps
     """How much work it took."""
-    waiting: Bool[Array, "*batch guard"] | None
-    """Guards that could not fall at the end: below 0, they wait until they rise. None for a motion that was loaded."""
+    waiting: Bool[Array, "*batch guard"]
+    """Guards that could not fall at the end: below 0, they wait until they rise."""
     again: Any = eqx.field(repr=False)
     """The same solve for other `ts`; `evaluate` asks it."""
 
@@ -143,7 +143,7 @@ class Solution(eqx.Module):
 
     def _below_from_the_start(self) -> list[int]:
         """Guards that wait and have had no event, so that none can have taken them below 0."""
-        if self.waiting is None or int(self.events.count) == self.events.guard.shape[0]:
+        if int(self.events.count) == self.events.guard.shape[0]:
             return []
         fell = np.asarray(self.events.guard)
         return [guard for guard in np.flatnonzero(self.waiting).tolist() if guard not in fell]

@@ -18,6 +18,7 @@ def solution_dataset(solution: Any):
     columns = {
         **variables("final", solution.final, like="x"),
         **variables("mode", solution.mode),
+        "waiting": ("guard", np.asarray(solution.waiting), {"long_name": "guards below 0 that wait until they rise"}),
         **variables("cost", solution.cost),
         "event_time": ("event", np.asarray(events.time)),
         "event_guard": ("event", np.asarray(events.guard), {"long_name": "number of the event: the guard that fell"}),

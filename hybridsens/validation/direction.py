@@ -19,12 +19,12 @@ IMPLICIT = (
 REVERSE_ONLY = (
     "This gradient method serves reverse mode (jax.grad, jax.vjp, jax.jacrev), and second derivatives by "
     "jax.jacfwd(jax.grad(...)) or jax.hessian, but it must not be used by forward mode (jax.jvp, jax.linearize, "
-    "jax.jacfwd) alone. Give `simulate` adjoint=hybridsens.ForwardSensitivities() for forward mode."
+    "jax.jacfwd) alone. Pass adjoint=hybridsens.ForwardSensitivities() for forward mode."
     + IMPLICIT
 )
 FORWARD_ONLY = (
     "ForwardSensitivities() serves forward mode (jax.jvp, jax.linearize, jax.jacfwd, also nested), but it must not be "
-    "used by reverse mode (jax.grad, jax.vjp, jax.jacrev, jax.hessian). Give `simulate` adjoint=hybridsens.Replay() "
+    "used by reverse mode (jax.grad, jax.vjp, jax.jacrev, jax.hessian). Pass adjoint=hybridsens.Replay() "
     "for gradients, and for second derivatives with it jax.jacfwd(jax.grad(...))."
     + IMPLICIT
 )

@@ -132,7 +132,7 @@ def _switched_once(mode, ts=(0.0, 1.0, 2.0), end=2.0):
     events = SolutionEvents(jnp.ones(1), jnp.zeros(1, int), rest, rest, later, jnp.array(1))
     steps = Steps(jnp.array(1), jnp.array(0))
     ended = hs.Status.successful, jnp.array(end), steps
-    return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, *ended, None, again)
+    return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, *ended, jnp.zeros(1, bool), again)
 
 
 def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):
