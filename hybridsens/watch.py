@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .numerics.tolerances import closeness, jump_window, rounding, time_resolution
+from .numerics.tolerances import MOST_RELAXED, closeness, jump_window, rounding, time_resolution
 
 Guards = Callable[[Array, Array, Any], Array]
 """(t, x, mode) -> guards of the system as the user wrote them."""
@@ -127,8 +127,10 @@ class Watch(eqx.Module):
         # One that was passed at this very instant is on zero still: another event does not make it fall again.
         waiting = ~this & ~self.armed & ((guards < 0) | (same & still))
         armed = ~passing & ~waiting
-        # A guard that is on zero and falling by itself fires too, but at a time of its own.
-        pending = armed & (guards < 0) & (~still | (self.pending & ~this))
+        # A guard that is on zero and falling by itself fires too, but at a time of its own; one that begins to rise at
+        # this event is below zero by where that was placed.
+        rises = (seen.rate > 0) & (guards >= -time_resolution(t, MOST_RELAXED) * seen.rate)
+        pending = armed & (guards < 0) & ~rises & (~still | (self.pending & ~this))
         return self._widened(armed, pending, seen)
 
     def compare(self, guards: Guards, modes: tuple[Any, Any], t, x, flow) -> tuple[Seen, Bool[Array, "guard"]]:

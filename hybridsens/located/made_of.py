@@ -32,9 +32,9 @@ NEUTRAL = {"max": -math.inf, "min": math.inf}
 def _direction(y, x):
     """The angle of (x, y), in each half of the plane by a formula that is smooth there, and goes on beyond it.
 
-    It jumps where y passes 0 on the left."""
-    r = jnp.sqrt(x**2 + y**2)
-    part = lambda of: 2 * jnp.arctan(y / jnp.where(of == 0, 1, of))
+    It jumps where y passes 0 on the left. At the origin it is 0."""
+    r = jnp.sqrt(x**2 + y**2) + jnp.finfo(x.dtype).tiny
+    part = lambda of: 2 * jnp.arctan(y / of)
     return jnp.where(x >= 0, part(r + x), jnp.where(y >= 0, jnp.pi, -jnp.pi) - part(r - x))
 
 

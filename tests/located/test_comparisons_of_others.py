@@ -77,3 +77,25 @@ def test_a_comparison_made_of_another_turns_with_it():
     spring, by_mode = (kind(4.0, -1.0, 0.3) for kind in (Overlapping, SpringInModes))
     one, other = (moved(*given).final["q"] for given in ((spring, None), (by_mode, jnp.array(True))))
     np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+class Never(hybridsens.AbstractHybridSystem):
+    """x' = 1: max(sin(3 t + p), 0) is never below 0, wherever it begins to rise from there."""
+
+    p: jax.Array
+    located_discontinuities = True
+
+    def flow(self, t, x, mode):
+        return jnp.where(jax.nn.relu(jnp.sin(3 * t + self.p)) >= 0, 1.0, 2.0)
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+def test_a_guard_that_begins_to_rise_at_an_event_has_not_fallen_by_where_that_was_placed():
+    """Most of these ended with `event_repeats`."""
+    run = jax.jit(jax.vmap(lambda p: hybridsens.solve(Never(p), 0.0, t1=6.0, max_events=12).final))
+    assert run(jnp.linspace(0.1, 3.0, 40)).tolist() == pytest.approx([6.0] * 40, abs=1e-12)
