@@ -33,9 +33,10 @@ def _direction(y, x):
     """The angle of (x, y), in each half of the plane by a formula that is smooth there, and goes on beyond it.
 
     It jumps where y passes 0 on the left. At the origin it is 0."""
-    far = jnp.sqrt(x**2 + y**2) + jnp.abs(x) + jnp.finfo(x.dtype).tiny
+    right = x >= 0
+    far = jnp.sqrt(x**2 + y**2) + jnp.where(right, x, -x) + jnp.finfo(x.dtype).tiny
     from_axis = 2 * jnp.arctan(y / far)  # from the half of the axis that is nearer
-    return jnp.where(x >= 0, from_axis, jnp.where(y >= 0, jnp.pi, -jnp.pi) - from_axis)
+    return jnp.where(right, from_axis, jnp.where(y >= 0, jnp.pi, -jnp.pi) - from_axis)
 
 
 BY_COMPARISONS = BY_FLOORS | {"atan2": _direction}
