@@ -17,7 +17,7 @@ _BARELY = 0.9
 _ALONE = 0.9
 """A direction in which one parameter has this share is that parameter's own."""
 _FAR = 7
-"""A residual that is so many times as large as half of the others is no noise of one size with them."""
+"""A residual that is so many times as large as the spread of the others is no noise of one size with them."""
 _FEW = 0.1
 """The largest part of a column that counts as outliers."""
 _EXACT = 1e-6
@@ -176,11 +176,12 @@ def _outliers(result: Any) -> Iterator[str]:
     columns = zip(data.names, (result.residuals / sigmas).T, (data.values / sigmas).T, strict=True)
     for name, residuals, values in columns:
         known = np.isfinite(residuals)
-        middle = np.median(residuals[known]) if known.any() else 0.0  # outliers draw the fit away from the others
-        size = np.abs(residuals - middle)
-        most = 1.5 * np.median(size[known]) if known.any() else 0.0
-        far = np.flatnonzero(known & (size > _FAR * most))
-        if most > _EXACT * np.std(values[known]) and 0 < far.size <= _FEW * known.sum():
+        if not known.any():
+            continue
+        # About their median, since outliers draw the fit away from the others.
+        spread = stats.median_abs_deviation(residuals[known], scale=float(stats.norm.ppf(0.75)))
+        far = np.flatnonzero(known & (np.abs(residuals - np.median(residuals[known])) > _FAR * spread))
+        if spread > _EXACT * np.std(values[known]) and 0 < far.size <= _FEW * known.sum():
             yield (
                 f"residuals of {name} are more than {_FAR} times as large as most others at {rows_told(far)}. If these "
                 "are outliers, leave them out (nan, with `missing=\"skip\"`), or give `sigma` and `robust=3`; they "

@@ -88,7 +88,8 @@ def _check_unit_of_times(name: Any, unit: str | None) -> None:
 
 def _is_near(name: str) -> bool:
     """Whether a column may be the times: by its name, and in no unit but seconds."""
-    return name.lower().startswith("time") and split_unit(name)[1] in (None, "s")
+    unit = _IN_BRACKETS.search(name)
+    return name.lower().startswith("time") and (unit is None or unit[1] in _SECONDS)
 
 
 def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str] | None) -> list[str]:

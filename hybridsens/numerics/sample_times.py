@@ -18,7 +18,8 @@ def must_lie_within(times, t0, t1) -> None:
     outside = ~((times >= t0) & (times <= t1))
     if outside.any():
         first = times[outside.argmax()]
-        raise ValueError(f"Times must lie within [t0, t1] = [{t0:.9g}, {t1:.9g}], but {first:.9g} does not.")
+        ends = f"[{_shown(t0)}, {_shown(t1)}]"
+        raise ValueError(f"Times must lie within [t0, t1] = {ends}, but {_shown(first)} does not.")
 
 
 def time_in_the_way(ts, t0, t1) -> str:
@@ -30,8 +31,12 @@ def time_in_the_way(ts, t0, t1) -> str:
     first = int(np.argmax(outside | (np.diff(ts, prepend=ts[0]) < 0)))
     nearly = np.minimum(abs(ts[first] - t0), abs(ts[first] - t1)) <= 1e-12 * np.maximum(abs(t0), abs(t1))
     remedy = " Rounding put it there: give `jnp.clip(ts, t0, t1)`." if outside[first] and nearly else ""
-    shown = lambda time: str(time).removesuffix(".0")
-    return f"Here ts[{first}] is {shown(ts[first])}, t0 is {shown(t0)} and t1 is {shown(t1)}.{remedy}"
+    return f"Here ts[{first}] is {_shown(ts[first])}, t0 is {_shown(t0)} and t1 is {_shown(t1)}.{remedy}"
+
+
+def _shown(time) -> str:
+    """All digits that tell a time from its neighbours."""
+    return str(time).removesuffix(".0")
 
 
 def with_room(times: Float[Array, "sample"]) -> Float[Array, "room"]:

@@ -39,11 +39,11 @@ def wrapped(angle):
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-AT_REST = 2 * np.arcsin(P / 3) / 3 * 1.5
-"""How long 3 |sin 3 t| is less than p: thrice from 0 to an angle, at 3 t = 0, pi and pi."""
+UNSATURATED = np.arcsin(P / 3)
+"""How long 3 |sin 3 t| is less than p: a third of it after t = 0, and on both sides of 3 t = pi."""
 TRUTH = {
     "open": (END - 2 * P, -2.0),
-    "unsaturated": (2 * AT_REST - END, 2 / np.sqrt(9 - P**2)),
+    "unsaturated": (2 * UNSATURATED - END, 2 / np.sqrt(9 - P**2)),
     "larger": (END - 2 * P, -2.0),
     "direction": (2 * P * (END - 2 * P), 2 * END - 8 * P),
     "odd": (P, 1.0),
