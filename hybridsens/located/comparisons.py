@@ -4,9 +4,9 @@ Where every outcome of a comparison is an input, the function is smooth; and the
 where an outcome changes.
 """
 
-import math
+import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.core
@@ -19,34 +19,13 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interval.arithmetic import Interval
 from ..interval.enclosure import ranges
 from ..interval.repeats import identity, needed_for
-from ..xla.rewriting import calling
 from .flat import Flat
 from .outcomes import Differences, Outcomes, Which
-from .rules import RULES, Pair, Rule, compares, lasts, steps
+from .rules import RULES, Pair, compares, lasts, steps
+from .surfaces import Step, Surface, chosen, difference, floored, room
 
 EVERYWHERE = 1e8
 """How far from where it is, in its own size and in units, a state is moved to see whether anything moves with it."""
-
-
-class Surface(NamedTuple):
-    """Where an outcome changes."""
-
-    greater: Any
-    less: Any | None
-    at_equality: bool
-    """The outcome where both are equal."""
-    start: int
-    """Where its outcomes stand among all."""
-    shape: tuple[int, ...]
-
-
-class Step(NamedTuple):
-    """A floor."""
-
-    of: Any
-    start: int
-    """Where its outcomes stand among all."""
-    shape: tuple[int, ...]
 
 
 class Comparisons:
@@ -77,9 +56,10 @@ class Comparisons:
                 level = max(levels.get(operand, 0) for operand in operands)
                 locates = compares(equation) and lasts(equation, level)
                 if locates:
-                    self._compared[place] = [self._surface(equation, pair) for pair in _rule(equation).pairs]
+                    pairs = RULES[equation.primitive.name].pairs
+                    self._compared[place] = [self._surface(equation, pair) for pair in pairs]
                 elif steps(equation):
-                    self._steps[place] = Step(equation.invars[0], _room(self._steps), equation.invars[0].aval.shape)
+                    self._steps[place] = Step(equation.invars[0], room(self._steps), equation.invars[0].aval.shape)
                 level += locates or steps(equation)
                 levels.update(dict.fromkeys(equation.outvars, level))
         self._depth = max(levels.values(), default=0)
@@ -109,7 +89,7 @@ class Comparisons:
 
     def differences(self, outcomes: Outcomes | None = None) -> Differences:
         """What is compared, with these outcomes, or with those that there are."""
-        asked = [_difference(surface) for surface in self._surfaces.values()]
+        asked = [difference(surface) for surface in self._surfaces.values()]
         apart = [equation.outvars[0] for equation in asked]
         found = self._run(asked, [*apart, *(step.of for step in self._steps.values())], outcomes)
         joined = lambda parts: jnp.concatenate([jnp.ravel(x) for x in parts]) if parts else jnp.zeros(0, self._dtype)
@@ -127,9 +107,9 @@ class Comparisons:
         outcomes = outcomes.passed(guard, self.differences(outcomes))
         if not self.nested and len(self._given) == self._moving:
             return outcomes
-        for _ in range(self._depth):  # what stands still follows from outcomes that were settled before
-            outcomes = self._looked_at(outcomes, self._stand_still(outcomes), changed)
-        return outcomes
+        # What stands still follows from outcomes that were settled before.
+        settled = lambda _, outcomes: self._looked_at(outcomes, self._stand_still(outcomes), changed)
+        return lax.fori_loop(0, self._depth, settled, outcomes)
 
     def arrived(self, guard: Int[Array, ""], outcomes: Outcomes, rates: Differences) -> Outcomes:
         """The outcomes where what is compared changes at these rates: those of what has come to a rest are what they
@@ -171,7 +151,7 @@ class Comparisons:
                 if (known, at_equality) in self._surfaces:
                     return self._surfaces[known, at_equality], turned
         shape = np.broadcast_shapes(greater.aval.shape, () if less is None else less.aval.shape)
-        new = Surface(greater, less, bool(wanted), _room(self._surfaces), shape)
+        new = Surface(greater, less, bool(wanted), room(self._surfaces), shape)
         self._surfaces[key, bool(wanted)] = new
         return new, False
 
@@ -185,43 +165,25 @@ class Comparisons:
         jaxpr, values = self._program.jaxpr, self._given
         equations, given = jaxpr.eqns, jaxpr.invars
         if outcomes is not None:
-            arrays = [outcomes.above, outcomes.whole]
-            held = [Var(jax.core.ShapedArray(array.shape, array.dtype)) for array in arrays]
-            given, values = [*given, *held], [*values, *arrays]
-            equations = [self._with(held, place, equation) for place, equation in enumerate(equations)]
+            held, equations = self._with_outcomes
+            given, values = [*given, *held], [*values, outcomes.above, outcomes.whole]
         needed, _ = needed_for([*equations, *more], results)
         program = jaxpr.replace(invars=given, eqns=needed, outvars=results)
         return ClosedJaxpr(program, self._program.consts), values
 
+    @functools.cached_property
+    def _with_outcomes(self) -> tuple[list[Var], list[JaxprEqn]]:
+        """The equations with the outcomes for inputs, and these inputs."""
+        kinds = (room(self._surfaces), jnp.dtype(bool)), (room(self._steps), self._dtype)
+        held = [Var(jax.core.ShapedArray((size,), dtype)) for size, dtype in kinds]
+        return held, [self._with(held, place, equation) for place, equation in enumerate(self._program.jaxpr.eqns)]
+
     def _with(self, held: list[Var], place: int, equation: JaxprEqn) -> JaxprEqn:
         """An equation, or what stands for it where it compares: a choice by the outcomes."""
-        kind: Any = equation.outvars[0].aval
         if place in self._steps:
-            step = self._steps[place]
-            return calling(lambda whole: _rows(whole, step).astype(kind.dtype), [held[1]], equation.outvars)
+            return floored(self._steps[place], held[1], equation)
         surfaces = self._compared.get(place)
-        if surfaces is None:
-            return equation
-
-        def result(above, *operands):
-            rows = [_rows(above, surface) ^ turned for surface, turned in surfaces]
-            return _rule(equation).result(*rows, *operands).astype(kind.dtype)
-
-        return calling(result, [held[0], *equation.invars], equation.outvars)
-
-
-def _rule(equation: JaxprEqn) -> Rule:
-    return RULES[equation.primitive.name]
-
-
-def _room(known: dict[Any, Any]) -> int:
-    """How many outcomes surfaces or floors have."""
-    return sum(math.prod(each.shape) for each in known.values())
-
-
-def _rows(outcomes: jax.Array, of: Surface | Step) -> jax.Array:
-    """Those of a surface or a floor, in its shape."""
-    return outcomes[of.start : of.start + math.prod(of.shape)].reshape(of.shape)
+        return equation if surfaces is None else chosen(surfaces, held[0], equation)
 
 
 def _is_one_number(x: Interval) -> jax.Array:
@@ -233,10 +195,3 @@ def _key(atom: Any) -> Any:
     """What an operand is known by; every 0 is one."""
     is_zero = atom is None or (isinstance(atom, Literal) and not np.any(np.asarray(atom.val)))
     return 0 if is_zero else identity(atom)
-
-
-def _difference(surface: Surface) -> JaxprEqn:
-    """The equation that tells on which side of a surface one is, and how far."""
-    given = [surface.greater, *([] if surface.less is None else [surface.less])]
-    difference = Var(jax.core.ShapedArray(surface.shape, surface.greater.aval.dtype))
-    return calling(lambda greater, less=0.0: greater - less, given, [difference])

@@ -41,7 +41,9 @@ def _joined(equation: JaxprEqn, made_by: dict[int, JaxprEqn]) -> JaxprEqn:
     record = _source(write.invars[0], made_by)
     if record is not before:
         return equation
-    return calling(_write_where, [goes_on, record, *write.invars[1:]], equation.outvars)
+    operands = [goes_on, record, *write.invars[1:]]
+    call = calling(_write_where, [operand.aval for operand in operands])
+    return call.replace(invars=operands, outvars=equation.outvars)
 
 
 def _source(variable, made_by: dict[int, JaxprEqn]):

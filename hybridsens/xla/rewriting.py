@@ -1,6 +1,6 @@
 """Equations of a trace replaced by others: what XLA compiles badly on a CPU, by what it compiles well."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -86,12 +86,11 @@ class _ByRules(Rewriting):
         """The equation that calls `function` in the place of another one, of whose shapes and parameters it is made."""
         alike = equation.primitive, *(variable.aval for variable in equation.invars), *equation.params.items()
         if alike not in self.calls:
-            call = calling(function, equation.invars, equation.outvars)
+            call = calling(function, [variable.aval for variable in equation.invars])
             self.calls[alike] = self.of_equation(call)  # what a rule makes may be replaced too
         return self.calls[alike].replace(invars=equation.invars, outvars=equation.outvars)
 
 
-def calling(function: Callable[..., Any], operands: list[Any], results: list[Any]) -> JaxprEqn:
-    """An equation that calls a function."""
-    shapes = [operand.aval for operand in operands]
-    return jax.make_jaxpr(jax.jit(function))(*shapes).eqns[-1].replace(invars=operands, outvars=results)
+def calling(function: Callable[..., Any], kinds: Sequence[Any]) -> JaxprEqn:
+    """An equation that calls a function of operands of these types; its variables stand for others."""
+    return jax.make_jaxpr(jax.jit(function))(*kinds).eqns[-1]
