@@ -129,7 +129,7 @@ class Watch(eqx.Module):
         armed = ~passing & ~waiting
         # A guard that is on zero and falling by itself fires too, but at a time of its own; one that begins to rise at
         # this event is below zero by where that was placed.
-        rises = (seen.rate > 0) & (guards >= -time_resolution(t, MOST_RELAXED) * seen.rate)
+        rises = (seen.rate > 0) & (guards >= -_misplaced(this, t, before) * seen.rate)
         pending = armed & (guards < 0) & ~rises & (~still | (self.pending & ~this))
         return self._widened(armed, pending, seen)
 
@@ -154,6 +154,13 @@ class Watch(eqx.Module):
     def _widened(self, armed, pending, seen: Seen) -> "Watch":
         size, speed = _largest(self.size, seen.value), _largest(self.speed, seen.rate)
         return Watch(armed, pending, size, speed, seen.reach)
+
+
+def _misplaced(fallen: Bool[Array, "guard"], t, before: Seen) -> Float[Array, ""]:
+    """By how much time an event may be off: by what its guard lacks to zero, at most by what event location grants."""
+    lacks = jnp.where(fallen, jnp.abs(before.value) / jnp.where(before.rate != 0, jnp.abs(before.rate), 1), 0)
+    placed = time_resolution(t, 1) + jnp.max(lacks, initial=0.0)
+    return jnp.minimum(placed, time_resolution(t, MOST_RELAXED))
 
 
 def _largest(so_far: Float[Array, "guard"], now: Float[Array, "guard"]) -> Float[Array, "guard"]:
