@@ -212,6 +212,12 @@ class AbstractFlatSystem(eqx.Module):
         del t, x, mode
         return 0.0, 0.0
 
+    def clock_scales(self, t: Float[Array, ""], mode: Mode) -> Float[Array, "guard"] | float:
+        """Sizes by which guards move while the clock comes to t, where `scales` leaves them out: a guard is rounded as
+        the clock is."""
+        del t, mode
+        return 0.0
+
     def turning_scales(
         self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode
     ) -> tuple[Float[Array, "guard"], Float[Array, "guard"]] | None:

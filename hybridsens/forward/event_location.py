@@ -168,7 +168,8 @@ class EventLocator(diffrax.AbstractStepSizeController):
     def _look(self, system, mode, step: StepEnds, accurate, state: LocatorState, turns) -> Inside:
         """What a candidate step shows: by its ends, and by a search of its inside where the system has one."""
         depth = jnp.broadcast_to(system.grazing_depth(mode), step.guard1.shape)
-        rounded = rounding(step.guard1.dtype) * scales_at(system, step.t1, step.x1, mode, step.guard1)[0]
+        size = scales_at(system, step.t1, step.x1, mode, step.guard1)[0] + system.clock_scales(step.t1, mode)
+        rounded = rounding(step.guard1.dtype) * size
         resolution = Resolution(rounded, state.noise, turns, state.shortenings, self.stop, depth)
         inside = look_inside(step, resolution)
         if system.searches(step.t0, step.x0):

@@ -17,7 +17,7 @@ from ..validation.asked import Asked, is_method, kind_of
 from ..validation.returned import must_have_shape, returned_array, returned_leaves
 from .contact import Instant, gap_and_rate
 from .mass import ConstantMass, is_positive_definite, mass_entries
-from .mode import ContactMode, gap_tolerance
+from .mode import ContactMode
 from .scene import AbstractScene, State
 from .status import ContactStatus
 from .wrapped import as_written
@@ -96,7 +96,7 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> S
     entries = [jnp.ravel(part) for part in jax.tree.leaves(mass_entries(mass))]
     values = jnp.concatenate([q, v, *entries, gap, rate, scene.force(t, q, v), t[None]])
     # A motion may have ended a little inside, where it struck: its state begins another one.
-    inside = gap_tolerance(mode.length) + time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
+    inside = mode.gap_tolerance(t) + time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
     requirements = (
         (ContactStatus.penetration, (event != START) | jnp.all(gap >= -inside)),
         (ContactStatus.bad_restitution, jnp.all((e >= 0) & (e <= 1))),

@@ -16,7 +16,7 @@ from .checks import may_begin
 from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate
 from .event_state import MEETING, EventState, acted_on_nearby, look_at_event, wider_scales
 from .laws import Selection, impulse_support, transition_impulse
-from .mode import ContactMode, EventKind, gap_tolerance, open_mode
+from .mode import ContactMode, EventKind, open_mode
 from .scene import AbstractScene
 from .settling import apply_laws
 from .smoothness import has_jumped
@@ -88,13 +88,13 @@ def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Con
     deepest = relative * mode.length[event] + absolute
     met = (event >= 0) & ~is_release
     guard = at_event.gap[event] + mode.margin[event]
-    jumped = met & has_jumped(guard, at_event.rate[event], mode.length[event], now.t)
+    jumped = met & has_jumped(guard, at_event.rate[event], mode.gap_tolerance(now.t)[event], now.t)
     status = Status.where(jumped, ContactStatus.gap_not_smooth, Status.running)
     grazing = met & _is_grazing(at_event.rate[event], at_event.gap_acceleration[event], deepest)
     if not scene.sustained_contact:
         return _bounce(scene, at_event, now, mode, grazing, status)
     impact = apply_laws(scene, limits.capture_speed, at_event, now, mode)
-    after = _with_selection(mode, impact.selection, at_event.gap)
+    after = _with_selection(mode, impact.selection, at_event.gap, now.t)
     kind = jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT)
     detail = ImpactDetail(at_event.triggered & ~is_release, impact.support, impact.plastic, impact.brought_to_rest)
     leaving = at_event.impacting & ~after.held
@@ -157,8 +157,8 @@ def _order_matters(at_event: EventState, support, mode: ContactMode) -> Bool[Arr
     return several | (is_impact & jnp.any(beside & acted_on_nearby(at_event.geometry, at_event.triggered)))
 
 
-def _with_selection(mode: ContactMode, selection: Selection, gap) -> ContactMode:
+def _with_selection(mode: ContactMode, selection: Selection, gap, t) -> ContactMode:
     """The mode with these contacts held, each where it is now."""
-    margin = jnp.where(selection.resting, gap_tolerance(mode.length), 0)
+    margin = jnp.where(selection.resting, mode.gap_tolerance(t), 0)
     held_gap = jnp.where(mode.active, mode.held_gap, jnp.maximum(gap, 0))
     return dataclasses.replace(mode, active=selection.active, margin=margin, held_gap=lax.stop_gradient(held_gap))

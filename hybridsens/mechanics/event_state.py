@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.tolerances import closeness, rounding, time_resolution
 from .contact import ContactGeometry, Instant, contact_geometry, gap_and_rate
 from .laws import gap_acceleration
-from .mode import ContactMode, gap_tolerance
+from .mode import ContactMode
 from .scene import AbstractScene
 
 MEETING = 2
@@ -44,7 +44,7 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     gap, rate = gap_and_rate(scene, t, q, v)
     accelerations = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
     mode = wider_scales(mode, geometry.jacobian, q, v, rate, atol)
-    tolerance = gap_tolerance(mode.length)
+    tolerance = mode.gap_tolerance(t)
     chosen_anew = event < 0  # at the start and at a flow jump
     triggered = jnp.arange(gap.shape[0]) == event
     is_release = jnp.any(triggered & mode.active)
@@ -54,16 +54,16 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
     closed = jnp.where(chosen_anew, (gap <= tolerance) | held, closed)
     impacting = closed & ~is_release & ~chosen_anew
-    below_rounding = rate_below_rounding(accelerations, mode)
+    below_rounding = rate_below_rounding(accelerations, t, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
     at_event = EventState(geometry, gap, rate, accelerations, triggered, meeting, closed, impacting, below_rounding)
     return at_event, dataclasses.replace(mode, fastest=fastest)
 
 
-def rate_below_rounding(gap_acceleration, mode: ContactMode):
+def rate_below_rounding(gap_acceleration, t, mode: ContactMode):
     """Rates up to which a contact that falls back hops lower than the rounding of its gap and its margin together. A
     contact that rests without a load has a margin, and a load that then grows presses it through."""
-    height = rounding(mode.length.dtype) * mode.length + mode.margin
+    height = rounding(mode.length.dtype) * (mode.length + mode.clock_length(t)) + mode.margin
     return jnp.sqrt(4 * jnp.abs(gap_acceleration) * height)
 
 
@@ -90,4 +90,5 @@ def wider_scales(mode: ContactMode, jacobian: Float[Array, "contact dof"], q, v,
     floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
     length = jnp.maximum(jnp.maximum(mode.length, floor), size @ jnp.abs(q))
     speed = jnp.maximum(jnp.maximum(mode.speed, floor), jnp.maximum(size @ jnp.abs(v), jnp.abs(rate)))
-    return dataclasses.replace(mode, length=length, speed=speed)
+    wall = jnp.maximum(mode.wall, jnp.abs(rate - jacobian @ v))
+    return dataclasses.replace(mode, length=length, speed=speed, wall=wall)

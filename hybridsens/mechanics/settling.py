@@ -124,7 +124,8 @@ class _Laws(NamedTuple):
 
     def _settle_speed(self, accelerations):
         """Below it a neighbour that is kicked off falls back at once, at these accelerations of the gaps."""
-        return jnp.maximum(self.rest_speed, jnp.maximum(self.cut, rate_below_rounding(accelerations, self.mode)))
+        below_rounding = rate_below_rounding(accelerations, self.now.t, self.mode)
+        return jnp.maximum(self.rest_speed, jnp.maximum(self.cut, below_rounding))
 
     def _little_energy(self, settle_speed, brought_to_rest):
         """What bringing to rest may change, as twice a kinetic energy. Contacts at a small angle d have rates that are

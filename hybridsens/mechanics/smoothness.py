@@ -11,7 +11,7 @@ from ..interval.break_rules import Break
 from ..numerics.tolerances import MOST_RELAXED, closeness, time_resolution
 from .contact import gap_and_rate
 from .mass import mass_entries
-from .mode import ContactMode, gap_tolerance
+from .mode import ContactMode
 from .scene import AbstractScene
 from .wrapped import as_written
 
@@ -19,9 +19,9 @@ WIDER = 16
 """Ratio of the two distances at which a gap is looked at."""
 
 
-def has_jumped(guard, rate, length, t) -> Bool[Array, ""]:
+def has_jumped(guard, rate, tolerance, t) -> Bool[Array, ""]:
     """Whether a guard that should be 0 at an impact is far below: farther than the resolution of time explains."""
-    return guard < -(gap_tolerance(length) + time_resolution(t, MOST_RELAXED) * jnp.abs(rate))
+    return guard < -(tolerance + time_resolution(t, MOST_RELAXED) * jnp.abs(rate))
 
 
 def is_not_smooth(scene: AbstractScene, t, q, v, mode: ContactMode) -> Bool[Array, ""]:
@@ -38,7 +38,7 @@ def is_not_smooth(scene: AbstractScene, t, q, v, mode: ContactMode) -> Bool[Arra
         ahead, rate_ahead = gap_and_rate(scene, t + h, q + h * v, v)
         return jnp.abs(ahead - gap - h * rate), jnp.abs(rate_ahead - rate)
 
-    scales = gap_tolerance(mode.length), closeness(q.dtype) * mode.speed
+    scales = mode.gap_tolerance(t), closeness(q.dtype) * mode.speed
     behind = jnp.abs(gap - mode.held_gap) > scales[0] + time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
     jumps = [
         (close > far / 4) & (close > 4 * scale)

@@ -101,6 +101,10 @@ class SwitchedSystem(AbstractFlatSystem):
         size, speed = (jnp.concatenate(both) for both in zip(contacts, switches, strict=True))
         return size, speed
 
+    def clock_scales(self, t, mode: SwitchedMode):
+        """That of the contacts: `scales` holds that of the switches."""
+        return jnp.concatenate([self.mechanics.clock_scales(t, mode.contacts), jnp.zeros_like(mode.watch.size)])
+
     def turning_scales(self, t, x, mode: SwitchedMode):
         """Those of the switches; `grazing_depth` judges the contacts."""
         switches = mode.watch.turning_scales(lambda t, x: self._switches(t, x, mode.own), t, x)

@@ -21,7 +21,7 @@ from .decisions import ImpactDetail, Limits, decide_transition
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .held import load_varies, search_load, search_way, supports_move
 from .laws import transition_impulse
-from .mode import ContactMode, gap_tolerance
+from .mode import ContactMode
 from .scene import AbstractScene
 from .smoothness import is_not_smooth
 from .status import ContactStatus
@@ -142,6 +142,10 @@ class MechanicalSystem(AbstractFlatSystem):
         """|G|^T |q| and |G|^T |v|, the largest so far; a multiplier's scale is not known and counts as 0."""
         return jnp.where(mode.active, 0, mode.length), jnp.where(mode.active, 0, mode.speed)
 
+    def clock_scales(self, t, mode: ContactMode):
+        """|Phi_t| t, with the fastest wall so far."""
+        return jnp.where(mode.active, 0, mode.clock_length(t))
+
     def grazing_depth(self, mode: ContactMode):
         """What the tolerances leave of the gap of an open contact."""
         return jnp.where(mode.held, -1, self._resolved(mode))
@@ -214,7 +218,7 @@ class MechanicalSystem(AbstractFlatSystem):
         def projected():
             q, v, z = self.split(x)
             found = project_to_contacts(self.scene, t, q, v, mode.active, mode.held_gap)
-            drifts = jnp.any(jnp.abs(found.gap_error) > ROUNDED * gap_tolerance(mode.length))
+            drifts = jnp.any(jnp.abs(found.gap_error) > ROUNDED * mode.gap_tolerance(t))
             turns = jnp.any(jnp.abs(found.rate_error) > ROUNDED * closeness(x.dtype) * mode.speed)
             moved = [jnp.where(drifts, found.q - q, 0), jnp.where(turns, found.v - v, 0), jnp.zeros_like(z)]
             return jnp.concatenate([found.q, found.v, z]), jnp.concatenate(moved)

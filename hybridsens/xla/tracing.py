@@ -64,6 +64,7 @@ class TracedOnce(AbstractFlatSystem):
     fires_at_once = _asked("fires_at_once")
     stuck = _asked("stuck")
     scales = _asked("scales")
+    clock_scales = _asked("clock_scales")
     turning_scales = _asked("turning_scales")
     grazing_depth = _asked("grazing_depth")
 
