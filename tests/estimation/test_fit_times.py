@@ -36,7 +36,7 @@ def test_a_record_out_of_order_is_told_what_to_do(times, remedy):
 @pytest.mark.parametrize("together", [list, tuple])
 def test_several_tables_are_told_where_several_records_are_shown(together):
     run = pandas.DataFrame({"t": MINUTES, "q0": MINUTES})
-    with pytest.raises(TypeError, match="but is (list|tuple). Several runs .* \"Several records at once\" in docs"):
+    with pytest.raises(TypeError, match='but is (list|tuple). Several runs .* "Several records at once" in docs'):
         read_measurements(together([run, run]))
 
 
