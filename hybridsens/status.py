@@ -25,7 +25,8 @@ def outcome(message: str, at_start: bool = False) -> Any:
 
 class Status(eqx.Module):
     """How a motion ended; `status.message`, or `Status[status]`, says what to do, and `str(status)` names it too. The
-    statuses of a batch are one status with an array of codes.
+    statuses of a batch are one status with an array of codes; an array of codes, such as a sweep returns, can be
+    compared with a status as well.
 
     Parts of the package that know more of a motion than that it has events add outcomes of their own; see `numbered`.
     """
@@ -120,19 +121,34 @@ class Status(eqx.Module):
         """The status, where jumps of guards may be `known` to do no harm."""
         return Status.where(self == Status.guard_jumps, Status.successful, self) if known else self
 
-    def __class_getitem__(cls, status: "Status") -> str:
-        if not isinstance(status, Status):
-            raise TypeError(f"Status[...] must be given a status, but is given a {type(status).__name__}.")
-        return status.message
+    def __class_getitem__(cls, status: Any) -> str:
+        if isinstance(status, Status):
+            return status.message
+        code = _codes(status)
+        if code is None or np.ndim(code) or not 0 <= code < len(_OUTCOMES):
+            raise TypeError(f"Status[...] must be given a status, or the code of one, but is given {_shown(status)}.")
+        return Status.messages()[int(code)]
 
     def __eq__(self, other: Any) -> Bool[Array, "*batch"]:  # type: ignore[override]
-        if not isinstance(other, Status):
-            raise TypeError(f"A status must be compared with a status, but is with a {type(other).__name__}.")
+        codes = other.code if isinstance(other, Status) else _codes(other)
+        if codes is None or isinstance(other, int):
+            raise TypeError(
+                "A status must be compared with a status, as `hybridsens.Status.successful`, or with an array of "
+                f"integer codes, as a sweep returns, but is with {_shown(other)}."
+            )
         with jax.ensure_compile_time_eval():
-            return jnp.asarray(self.code == other.code)
+            return jnp.asarray(self.code == codes)
 
     def __ne__(self, other: Any) -> Bool[Array, "*batch"]:  # type: ignore[override]
         return ~(self == other)
+
+    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+        """The codes, so that NumPy, pandas and xarray compare a status with those of a sweep."""
+        return np.array(self.code, dtype, copy=True if copy is None else copy)
+
+    def __int__(self) -> int:
+        """The code of one status."""
+        return int(self.code)
 
     def __str__(self) -> str:
         """The name and, unless it says all, the message; of a batch how many have which name, "97 successful, 3
@@ -148,6 +164,17 @@ class Status(eqx.Module):
 
     def __repr__(self) -> str:
         return f"Status<{self}>"
+
+
+def _codes(given: Any) -> Any:
+    """Codes from a number or an array of integers, of whichever library; None for anything else."""
+    codes = given if isinstance(given, jax.Array) else np.asarray(given)
+    return codes if jnp.issubdtype(codes.dtype, jnp.integer) else None
+
+
+def _shown(given: Any) -> str:
+    """A text or a number itself, else what kind of thing it is."""
+    return repr(given) if isinstance(given, str | int | float) else f"a {type(given).__name__}"
 
 
 _OUTCOMES: dict[str, _Outcome] = {}

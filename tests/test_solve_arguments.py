@@ -1,5 +1,7 @@
 """What goes into `solve`: transformations of JAX, closures, and arguments that do not fit."""
 
+import re
+
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -107,6 +109,38 @@ def test_what_does_not_fit_is_told(change, message):
     system = type("Wrong", (Oscillator,), change)(jnp.array(1.0))
     with pytest.raises((TypeError, ValueError), match=message):
         hs.solve(system, jnp.array([1.0, 0.0]), 0, t1=1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "remedy"),
+    [
+        (dict(flow=lambda self, t, x, mode: -x * mode), "argument `mode`, that of `initial_mode\\(\\)`"),
+        (dict(guards=lambda self, t, x, mode: x[:1] + mode), "`guards`.*\nIts `mode` is None, as none was given"),
+        (dict(transition=lambda self, event, t, x, mode: (x, mode + 1)), "initial mode as the argument `mode`"),
+    ],
+)
+def test_a_mode_that_was_not_given_is_told(change, remedy):
+    """In a note to what a function of the system raises."""
+    change |= dict(initial_mode=lambda self: 0)
+    with pytest.raises(TypeError, match="None") as raised:
+        hs.solve(type("Modal", (Ball,), change)(9.81, 0.8), jnp.array([1.0, 0.0]), t1=1.0)
+    assert re.search(remedy, "\n".join(raised.value.__notes__))
+
+
+def test_a_vector_that_is_given_as_a_list_is_told():
+    """Assert that it is so where the flow raises, and where it returns an array."""
+    times = type("Times", (Ball,), dict(flow=lambda self, t, x, mode: self.g * x))
+    for x0 in ([1.0, 0.0], {"height": (1.0, 0.0)}):
+        with pytest.raises(TypeError, match="unsupported operand") as raised:
+            hs.solve(times(9.81, 0.8), x0, t1=1.0)
+        assert "as in `x0`, and no array: give a vector as `jnp.array([...])`." in raised.value.__notes__[-1]
+    with pytest.raises(ValueError, match=r"but that of Ball returns .*: a vector is no list, give `x0` as `jnp.array"):
+        hs.solve(Ball(9.81, 0.8), [1.0, 0.0], t1=1.0)
+
+
+def test_a_number_of_times_is_told_how_to_make_them(unchecked):
+    with pytest.raises(ValueError, match=r"shape \(\): give the times themselves, as `jnp.linspace\(t0, t1, 100\)`"):
+        hs.solve(Ball(9.81, 0.8), jnp.array([1.0, 0.0]), t1=1.0, ts=100)
 
 
 def test_arguments_that_do_not_fit_are_told():

@@ -7,6 +7,8 @@ import equinox as eqx
 import numpy as np
 
 from ..export.names import split_unit
+from .cells import as_numbers, rows_told
+from .times import increasing_events, increasing_samples
 
 
 class Measurements(eqx.Module):
@@ -95,7 +97,7 @@ def measurements(
     """
     if missing not in ("raise", "skip"):
         raise ValueError(f'`missing` must be "raise" or "skip", but is {missing!r}.')
-    t = _increasing("times", times)
+    t = increasing_samples(times)
     y = _values(values, t.size)
     names = [names] if isinstance(names, str) else names
     labels = tuple(names) if names is not None else tuple(f"q{i}" for i in range(y.shape[1]))
@@ -104,50 +106,13 @@ def measurements(
             f"`names` must have {y.shape[1]} different entries, one for each observation, but has {labels}."
         )
     _check_values(y, labels, missing)
-    events = _increasing("event_times", event_times, gaps=missing == "skip")
+    events = increasing_events(event_times, gaps=missing == "skip")
     if t.size + np.sum(~np.isnan(events)) == 0:
         raise ValueError("The measurements must have at least one time, but have none.")
     return Measurements(
         t, y, _sigmas(_by_column(sigma, labels), y), labels, events,
         *_event_columns(events, event_sigma, event_contacts),
     )  # fmt: skip
-
-
-def as_numbers(given: Any) -> np.ndarray:
-    """An array of floats, with NaN for what a masked array hides. Raises: ValueError for complex numbers."""
-    if np.iscomplexobj(given):
-        raise ValueError(
-            "What was measured must be real numbers, but there are complex ones: give their real and their imaginary "
-            "parts as columns."
-        )
-    return np.ma.asarray(given, float).filled(np.nan) if np.ma.isMaskedArray(given) else np.asarray(given, float)
-
-
-def _increasing(name: str, times: Any, gaps: bool = False) -> np.ndarray:
-    """Times as an array, increasing where they are known; NaN among them only with `gaps`."""
-    t = _seconds(name, times)
-    if t.ndim != 1:
-        raise ValueError(f"`{name}` must have shape (sample,), but has shape {t.shape}.")
-    known = np.flatnonzero(~np.isnan(t))
-    later, rise = known[1:], np.diff(t[known])
-    for rows, problem, remedy in (
-        (np.flatnonzero(np.isinf(t) if gaps else ~np.isfinite(t)), "finite, but is not", "leave them out"),
-        (later[rise < 0], "sorted in increasing order, but falls back", "in pandas `table.sort_values(<time>)`"),
-        (later[rise == 0], "free of duplicates, but repeats a time", "in pandas `table.groupby(<time>).mean()`"),
-    ):
-        if rows.size:
-            raise ValueError(f"`{name}` must be {problem} at {rows_told(rows)}: {remedy}.")
-    return t
-
-
-def _seconds(name: str, times: Any) -> np.ndarray:
-    """Times as numbers: NumPy would make nanoseconds of durations, and of dates."""
-    t = np.asanyarray(times)
-    if t.dtype.kind == "M":
-        raise ValueError(
-            f"`{name}` must be in seconds, or durations, but are dates: subtract that of t = 0, as in times - times[0]."
-        )
-    return as_numbers(t / np.timedelta64(1, "s") if t.dtype.kind == "m" else t)
 
 
 def _values(values: Any, samples: int) -> np.ndarray:
@@ -232,9 +197,3 @@ def _event_columns(events: np.ndarray, sigma: Any, contacts: Any) -> tuple[np.nd
     s = np.broadcast_to(as_numbers(1.0 if sigma is None else sigma), events.shape).copy()
     _must_be_positive("event_sigma", s)
     return s, np.broadcast_to(np.asarray(contacts, int), events.shape).copy()
-
-
-def rows_told(rows: np.ndarray) -> str:
-    """The first of these rows, in words."""
-    shown = ", ".join(str(int(row)) for row in rows[:5])
-    return f"row{'s' if rows.size > 1 else ''} {shown}{', ...' if rows.size > 5 else ''} (counted from 0)"

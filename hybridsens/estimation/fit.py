@@ -56,8 +56,10 @@ def fit(
 ) -> FitResult:
     """Parameters of a scene or a hybrid system from measurements of its motion, by least squares on exact derivatives.
 
-        minimise  sum ((observe - measured) / sigma)^2 + sum ((event time - measured) / sigma)^2 + priors
+        minimise  loss = 1/2 (sum ((observe - measured) / sigma)^2 + sum ((event time - measured) / sigma)^2
+                              + sum ((parameter - mean) / sigma)^2 of priors)
 
+    This half of a sum of squares is `result.loss`, and what the progress shows; sigmas that are not given count as 1.
     The loss is smooth as long as the events keep their sequence; where a step changes it, the history says so. A trial
     point whose motion fails, or whose residuals or derivatives are not finite, is never taken.
 
@@ -80,8 +82,8 @@ def fit(
       `event_contacts` says which of them.
     - `bounds`: name -> "positive" or (lo, hi), None for an open end; kept by a transformation of the parameter.
     - `priors`: name -> (mean, sigma). The values must have sigmas too, by which priors are weighed against them.
-    - `robust`: for data with outliers and with sigmas: residuals r [sigmas] count as 2 c^2 (sqrt(1 + (r/c)^2) - 1) with
-      this c, linearly far beyond it (pseudo-Huber); None: all count squared.
+    - `robust`: for data with outliers and with sigmas: residuals r [sigmas] count as 2 c^2 (sqrt(1 + (r/c)^2) - 1) in
+      place of r^2, with this c, linearly far beyond it (pseudo-Huber); None: all count squared.
     - `t0`, `t1`: horizon [s]; t1 is by default the last measured time, or 10 % beyond the last event if that is later,
       so that an event which comes later is compared with it. One that a motion does not have counts as if at t1.
     - `optimizer`: "levenberg-marquardt", "gauss-newton" (forward sensitivities), "lbfgs", "adam" (the adjoint), an

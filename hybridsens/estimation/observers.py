@@ -36,25 +36,34 @@ def picks(columns: Sequence[str], scene: Any, start: tuple) -> tuple[int, ...]:
 def _pick(column: str, known: list[str], own: list[str], mechanical: bool) -> int:
     name, unit = split_unit(column)
     spelt = {"q": "q0", "v": "v0"}.get(name, re.sub(r"[\[\]_]", "", name)) if mechanical else name
-    alike = lambda names, wanted: {i for i, other in enumerate(names) if other == wanted}
-    places = alike(known, spelt) | alike([split_unit(other)[0] for other in own], name)
+    alike = lambda names, wanted: {i for i, other in enumerate(names) if split_unit(other)[0] == wanted}
+    whole = not mechanical and column in known  # a key of x may have a unit, and name one entry by it
+    places = {known.index(column)} if whole else alike(known, spelt) | alike(own, name)
     if len(places) != 1:
         two = ", which names two entries" if places else ""
         raise ValueError(
             f"Without `observe`, columns must be named after the state ({_choices(known, own)}), but there is "
             f"{column!r}{two}. Choose among them with `columns`, or say with `observe` what was measured."
+            f"{'' if mechanical else _of_none([column])}"
         )
     (place,) = places
-    _check_unit(column, unit, own[place] if own else "")
+    _check_unit(column, unit, (own or known)[place], "scene" if mechanical else "system")
     return place
 
 
-def _check_unit(column: str, unit: str | None, own: str) -> None:
+def _of_none(columns: Sequence[str]) -> str:
+    """A sentence about names that nobody may have written: those of values without any."""
+    if not all(re.fullmatch(r"q\d+", column) for column in columns):
+        return ""
+    return " Values without names are called q0, q1, ...: name them by `measurements(times, values, names=[...])`."
+
+
+def _check_unit(column: str, unit: str | None, own: str, model: str) -> None:
     expected = split_unit(own)[1]
     if None not in (unit, expected) and unit != expected:
         raise ValueError(
-            f"Column {column!r} must be in the scene's unit, which names it {own!r}, but is in {unit}. Convert it, and "
-            "rename it."
+            f"Column {column!r} must be in the {model}'s unit, which names it {own!r}, but is in {unit}. Convert it, "
+            "and rename it."
         )
 
 
@@ -122,6 +131,7 @@ def _check_mapping(seen: Mapping, names: tuple[str, ...]) -> None:
         raise ValueError(
             f"`observe` must return all columns {list(names)}, but has no {unknown}: it has {list(seen)}. "
             "Leave columns that are no measurements out of the data, by `read_measurements(data, columns=[...])`."
+            f"{_of_none(unknown)}"
         )
     for name, key in zip(names, keys, strict=True):
         _check_scalar(name, seen[key])

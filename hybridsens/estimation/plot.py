@@ -15,19 +15,22 @@ _DENSE = 450
 
 
 def plot_fit(result: Any) -> Figure:
-    """A figure of a `FitResult`: data and fit with the events marked, residuals, and the loss at every iteration."""
-    figure = new_figure((8, 9))
-    above, middle, below = figure.subplots(3, 1)
-    middle.sharex(above)
-    _plot_data(above, result)
-    _plot_residuals(middle, result)
-    _plot_convergence(below, result)
+    """A figure of a `FitResult`: data and fit with the events marked, residuals, and the loss at every iteration. Where
+    event times alone were measured, there are no data to draw over time."""
+    panels = [_plot_data, _plot_residuals, _plot_convergence]
+    panels = panels if result.data.names else panels[1:]
+    figure = new_figure((8, 3 * len(panels)))
+    axes = figure.subplots(len(panels), 1)
+    if len(panels) == 3:
+        axes[1].sharex(axes[0])
+    for draw, panel in zip(panels, axes, strict=True):
+        draw(panel, result)
     return figure
 
 
 def _plot_data(axes: Any, result: Any) -> None:
     data, times = result.data, _dense_times(result)
-    fitted = result.predict(times) if data.names else result.predictions
+    fitted = result.predict(times)
     for i, name in enumerate(data.names):
         line = axes.plot(times, fitted[:, i], linewidth=1.0, label=name)[0]
         axes.plot(data.times, data.values[:, i], ".", color=line.get_color(), alpha=0.5)
@@ -65,7 +68,8 @@ def _plot_residuals(axes: Any, result: Any) -> None:
     axes.axhline(0, color="black", linewidth=0.8)
     _mark_events(axes, result)
     shown = len(result.data.names) + bool(result.event_residuals.size)
-    _label(axes, _time(result), "residuals (model - measurement)", shown)
+    alone = "" if result.data.names else "; dashed lines are events"
+    _label(axes, _time(result), f"residuals (model - measurement){alone}", shown)
     axes.set_ylabel("" if result.event_residuals.size else _ordinate(result.data.names))
 
 

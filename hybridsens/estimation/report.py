@@ -9,7 +9,7 @@ from scipy import stats
 from ..export.names import contact_names
 from ..solution import SolutionEvents
 from ..system import AbstractHybridSystem
-from .data import rows_told
+from .cells import rows_told
 from .descend import UNFINISHED, EventSequence
 
 _BARELY = 0.9

@@ -38,7 +38,8 @@ class FitResult(eqx.Module):
     """Parameters on a bound, beyond which the loss goes on falling. Their errors are nan; other parameters' errors hold
     them there."""
     loss: float
-    """sum r^2 / 2 at the end, priors and robust weighting included."""
+    """sum r^2 / 2 at the end, half the sum of squares: of residuals in sigmas, in the data's unit where no sigmas were
+    given; priors and robust weighting included."""
     residuals: np.ndarray
     """(sample, observation) model - measurement; NaN where nothing was measured."""
     event_residuals: np.ndarray

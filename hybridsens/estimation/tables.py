@@ -9,8 +9,10 @@ import numpy as np
 
 from ..export.names import split_unit
 from ..validation.spelling import did_you_mean
+from .cells import as_numbers
 from .csv_file import check_different, read_csv
-from .data import Measurements, as_numbers, measurements
+from .data import Measurements, measurements
+from .times import SEVERAL
 
 _SIGMA = "sigma_"
 _TIMES = ("t", "time", "t [s]", "time [s]")
@@ -50,10 +52,10 @@ def read_measurements(
     if isinstance(data, Measurements):
         return data
     columns = [columns] if isinstance(columns, str) else columns
-    if isinstance(data, tuple) and len(data) == 2:
+    if isinstance(data, tuple) and len(data) == 2 and not hasattr(data[0], "columns"):
         return measurements(*data, sigma=sigma, names=columns, missing=missing, **events)
     table = _as_mapping(data, time)
-    time = time or _time_column(table)
+    time = time or _time_column(table, _index_without_name(data))
     if unit := _IN_BRACKETS.search(time):
         _check_unit_of_times(time, unit[1])
     names = _observed_columns(table, time, columns)
@@ -65,16 +67,27 @@ def read_measurements(
     return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
 
 
-def _time_column(table: Mapping[str, Any]) -> str:
-    """Raises: ValueError if none has the name of one, with the name of that which may be it."""
+def _time_column(table: Mapping[str, Any], index_alone: bool) -> str:
+    """Raises: ValueError if none has the name of one, with the name of that which may be it; at once if that is in
+    another unit."""
     known = next((name for name in _TIMES if name in table), None)
     if known is None:
-        near = next((name for name in table if _is_near(str(name))), "name")
+        near = next((str(name) for name in table if _is_near(str(name))), None)
+        if near is not None and (unit := _IN_BRACKETS.search(near)):
+            _check_unit_of_times(near, unit[1])
+        name = near or "name"
+        own = ' If it is the index, name that: `data.rename_axis("t")`.' if index_alone else ""
         raise ValueError(
             f'The table must have a column of times "t" or "time" [s], but has {list(table)}. Say which one it is: '
-            f"`read_measurements(data, time={near!r})`, in a terminal --time {str(near)!r}, or rename it."
+            f"`read_measurements(data, time={name!r})`, in a terminal --time {name!r}, or rename it.{own}"
         )
     return known
+
+
+def _index_without_name(data: Any) -> bool:
+    """Whether a DataFrame has an index that may be the times, but no name says so; the rows' numbers are none."""
+    index: Any = getattr(data, "index", None)
+    return getattr(index, "name", "") is None and type(index).__name__ != "RangeIndex"
 
 
 def _check_unit_of_times(name: Any, unit: str | None) -> None:
@@ -87,9 +100,8 @@ def _check_unit_of_times(name: Any, unit: str | None) -> None:
 
 
 def _is_near(name: str) -> bool:
-    """Whether a column may be the times: by its name, and in no unit but seconds."""
-    unit = _IN_BRACKETS.search(name)
-    return name.lower().startswith("time") and (unit is None or unit[1] in _SECONDS)
+    """Whether a column may be the times, by its name, whatever the unit."""
+    return name.lower().startswith("time") or _IN_BRACKETS.sub("", name).strip() == "t"
 
 
 def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str] | None) -> list[str]:
@@ -150,9 +162,10 @@ def _as_mapping(data: Any, time: str | None) -> Mapping[str, Any]:
         return data
     if hasattr(data, "columns"):
         return _from_pandas(data, time)
+    several = f" Several runs are fitted as one system, a column for each: see {SEVERAL}."
     raise TypeError(
         "`data` must be the path of a CSV file, a pandas or xarray table, a mapping of columns, a pair (times, values) "
-        f"or Measurements, but is {type(data).__name__}."
+        f"or Measurements, but is {type(data).__name__}.{several if isinstance(data, list | tuple) else ''}"
     )
 
 

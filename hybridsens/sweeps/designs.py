@@ -131,9 +131,11 @@ def batch(scenes: Any) -> Design:
     leaves = _named_arrays(scenes)
     lengths = {name: leaf.shape[0] if leaf.ndim > 0 else 0 for name, leaf in leaves.items()}
     if not parameters(scenes) or len(set(lengths.values())) != 1 or 0 in lengths.values():
+        stack = "`jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)` makes one of several. "
         raise ValueError(
-            f"All arrays of the scenes must have the same leading axis, but have lengths {lengths}. Repeat along it "
-            "what all points share. The points around one scene are made by grid, latin_hypercube or sobol."
+            "Scenes must come as one whose arrays all have the same leading axis, but their lengths are "
+            f"{lengths}, 0 for no axis. {stack if isinstance(scenes, list | tuple) else ''}Repeat along it what all "
+            "points share. The points around one scene are made by grid, latin_hypercube or sobol."
         )
     for name, leaf in leaves.items():
         if not jnp.issubdtype(leaf.dtype, jnp.number) and leaf.dtype != bool:

@@ -1,5 +1,6 @@
 """Pictures of a sweep: maps over two parameters, and the bifurcation diagram over one."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 def plot_sweep(dataset: "xr.Dataset") -> Figure:
     """Maps of J, of |dJ/dp| for both varied parameters, and of the number of events, over a grid of two parameters.
 
-    Lines separate regions with different sequences of events: J has a kink or a jump there. Failed points are blank.
+    Lines separate regions with different sequences of events: J has a kink or a jump there. Failed points are blank,
+    and a line below says so. Units are those that `sweep` was given.
     Raises: ValueError unless the points are a grid of two parameters (choose with `dataset.sel` or `.isel`).
     """
     dims = dataset.J.dims
@@ -33,7 +35,8 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
         name, entry = split_name(dim)
         if name in derivatives:
             inner = [axis for axis in derivatives[name].dims if axis not in dims]
-            maps[f"|dJ/d {dim}|"] = abs(derivatives[name][dict(zip(inner, entry or (), strict=True))])
+            chosen = derivatives[name][dict(zip(inner, entry or (), strict=True))]
+            maps[f"|dJ/d {dim}|"] = abs(chosen).assign_attrs(chosen.attrs)
     if "event_count" in dataset:
         maps["events"] = dataset.event_count.where(dataset.J.notnull())
     columns = 2 if len(maps) > 3 else len(maps)
@@ -42,10 +45,22 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, (title, values) in zip(panels, maps.items(), strict=len(maps) == panels.size):
         draw_map(axes, values, logarithmic=title.startswith("|"))
-        axes.set_title(title, fontsize="medium")
+        axes.set_title(_with_units(title, values), fontsize="medium")
         if "event_sequence" in dataset:
             draw_borders(axes, dataset.event_sequence)
+    if told := blanks(maps, "interrupted" in dataset.attrs):
+        figure.supxlabel(told, fontsize="small", x=0.99, ha="right")
     return figure
+
+
+def blanks(maps: Mapping[str, "xr.DataArray"], interrupted: bool) -> str:
+    """What the blank points of maps are, in words; "" where there are none."""
+    none = maps["J"].isnull().values
+    why = "failed, or not computed" if interrupted else "failed"
+    told = [f"blank: {why}"] if none.any() else []
+    if any((values.isnull().values & ~none).any() for values in maps.values()):
+        told.append("blank where J is not: no derivative")
+    return "; ".join(told)
 
 
 def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> None:
@@ -137,5 +152,9 @@ def _edges(centres: np.ndarray) -> np.ndarray:
 
 
 def _label(coordinate) -> str:
-    units = coordinate.attrs.get("units")
-    return f"{coordinate.name} [{units}]" if units else str(coordinate.name)
+    return _with_units(str(coordinate.name), coordinate)
+
+
+def _with_units(name: str, values) -> str:
+    units = values.attrs.get("units")
+    return f"{name} [{units}]" if units else name

@@ -23,7 +23,9 @@ def real_array(name: str, value, ndim: int, axis: str = "sample") -> jax.Array:
         raise TypeError(f"`{name}` must hold real numbers, but has type {array.dtype}.")
     if array.ndim != ndim:
         expected = ["()", f"({axis},)"][ndim]
-        raise ValueError(f"`{name}` must have shape {expected}, but has shape {array.shape}.")
+        one = name == "ts" and array.ndim == 0
+        remedy = ": give the times themselves, as `jnp.linspace(t0, t1, 100)`" if one else ""
+        raise ValueError(f"`{name}` must have shape {expected}, but has shape {array.shape}{remedy}.")
     return array
 
 

@@ -27,6 +27,11 @@ class Asked(NamedTuple):
         return self.form.partition("(")[0]
 
     @property
+    def arguments(self) -> list[str]:
+        """The names of its arguments, without `self`."""
+        return self.form.partition("(")[2].rstrip(")").split(", ")
+
+    @property
     def it(self) -> str:
         """Its second mention in a sentence: "but that of Ball returns ..."."""
         return "" if self.owner is None else f"that of {self.owner.__name__} "
@@ -60,7 +65,7 @@ class Asked(NamedTuple):
 
     def _in_other_order(self) -> bool:
         """Whether two of its arguments bear each the name of another: they were meant to be given there."""
-        names = self.form.partition("(")[2].rstrip(")").split(", ")
+        names = self.arguments
         given = _parameters(self._as_written())
         given = given if self.owner is None else given[1:]
         moved = [name for name, here in zip(given, names, strict=False) if name != here and name in names]

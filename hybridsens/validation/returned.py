@@ -37,7 +37,7 @@ def _returned(asked: Asked, arguments, describe: Callable) -> Any:
     found = []
 
     def call(function, *arguments):
-        with _told(asked, f"Raised by `{asked.name}`, which must return real numbers."):
+        with _told(asked, f"Raised by `{asked.name}`, which must return real numbers.{_of_state(asked, arguments)}"):
             out = asked.call(function, *arguments)
         found.append(describe(out))
 
@@ -99,11 +99,25 @@ def outcome(asked: Asked, *arguments) -> Any:
 
     Raises: TypeError where it takes other arguments, or JAX cannot trace it; what it raises itself goes on, with a note
     that names it."""
-    note = f"Raised by `{asked.name}` of the system."
-    if asked.form.endswith(", mode)") and arguments[-1] is None:
-        note += "\nIts `mode` is None: give the initial mode as the third argument of `solve`."
-    with _told(asked, note):
+    with _told(asked, f"Raised by `{asked.name}` of the system.{_of_state(asked, arguments)}"):
         return eqx.filter_eval_shape(asked.call, asked.function, *arguments)
+
+
+def _of_state(asked: Asked, arguments) -> str:
+    """What may be wrong with the state or the mode that a function of a system was given, in lines of a note."""
+    given, note = dict(zip(asked.arguments, arguments, strict=False)), ""
+    if "mode" in given and given["mode"] is None:
+        own = ", that of `initial_mode()`" if hasattr(asked.owner, "initial_mode") else ""
+        note += f"\nIts `mode` is None, as none was given: give the initial mode as the argument `mode`{own}."
+    if "x" in given and (row := _row_in(given["x"])):
+        note += f"\nIn its `x` there is a {row}, as in `x0`, and no array: give a vector as `jnp.array([...])`."
+    return note
+
+
+def _row_in(x: Any) -> str:
+    """The first list or plain tuple in a PyTree, by its type; "" if there is none."""
+    is_row = lambda part: type(part) in (list, tuple)
+    return next((type(part).__name__ for part in jax.tree.leaves(x, is_leaf=is_row) if is_row(part)), "")
 
 
 def must_be_pair(asked: Asked, returned: Any, parts: str) -> None:
@@ -119,7 +133,9 @@ def must_match(asked: Asked, what: str, found: Any, wanted: Any, exact: bool) ->
     """Raise ValueError or TypeError where structure, shapes or (if `exact`) types differ."""
     must = f"`{asked.name}` must return {what}"
     if jax.tree.structure(found) != jax.tree.structure(wanted):
-        missing = ": is a `return` missing?" if found is None else "."
+        row = _row_in(wanted) if _is_array(found) else ""
+        vector = f": a vector is no {row}, give `x0` as `jnp.array([...])`." if row else "."
+        missing = ": is a `return` missing?" if found is None else vector
         raise ValueError(
             f"{must} as a PyTree of the form {form(wanted)}, but {asked.it}returns {form(found)}{missing}"
         )
@@ -137,6 +153,10 @@ def must_match(asked: Asked, what: str, found: Any, wanted: Any, exact: bool) ->
 def form(tree: Any) -> str:
     """A PyTree in a word or two: "f64[2]", "(f64[], None)", "{'height': f64[]}"."""
     return " ".join(eqx.tree_pformat(tree, struct_as_array=True).split())
+
+
+def _is_array(tree: Any) -> bool:
+    return hasattr(tree, "shape") and hasattr(tree, "dtype")
 
 
 def _dtype(leaf):

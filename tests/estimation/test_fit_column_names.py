@@ -6,7 +6,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.estimation import read_measurements
-from hybridsens.estimation.observers import picks
+from hybridsens.estimation.observers import observer, picks
 from hybridsens.scenes import BouncingBall
 
 START = (hs.State([1.0], [0.0]),)
@@ -64,15 +64,36 @@ def test_a_column_of_another_unit_or_of_two_entries_is_refused(name, coordinates
 def test_times_in_another_unit_or_in_no_number_are_not_guessed():
     """Assert that milliseconds and dates are no times unless they are said to be; and that an index may be."""
     pandas = pytest.importorskip("pandas")
-    with pytest.raises(ValueError, match="\"t\" or \"time\" .s., but has .'t .ms.', 'q0'.*time='name'"):
-        read_measurements({"t [ms]": TIMES, "q0": TIMES})
+    for name in ("t [ms]", "Time (ms)"):
+        with pytest.raises(ValueError, match="times '.*' must be in seconds, or .* are in 'ms': convert them"):
+            read_measurements({name: TIMES, "q0": TIMES})
+    with pytest.raises(ValueError, match="\"t\" or \"time\" .s., but has .'hours', 'q0'.*time='name'.*rename it.$"):
+        read_measurements({"hours": TIMES, "q0": TIMES})
     table = pandas.DataFrame({"q0": TIMES}, pandas.Index(TIMES, name="hours"))
     np.testing.assert_array_equal(read_measurements(table, time="hours").times, TIMES)
     with pytest.raises(ValueError, match=r"but has \['hours', 'q0'\]\. Say which"):
         read_measurements(table)
+    with pytest.raises(ValueError, match=r"If it is the index, name that: `data.rename_axis"):
+        read_measurements(table.rename_axis(None))
     table.index = pandas.date_range("2020-01-01", periods=3, name="time")
     with pytest.raises(ValueError, match='`times` must be in seconds, or durations, but are dates'):
         read_measurements(table)
+
+
+def test_a_key_of_the_state_may_have_a_unit():
+    """Assert that a column with it, or without, is the entry, and that one in another unit is refused."""
+    start = ({"v [mV]": jnp.array(1.0), "w [A]": jnp.ones(2)},)
+    assert picks(["v [mV]", "w [A][1]"], None, start) == (0, 2)
+    assert picks(["v"], None, start) == (0,)
+    with pytest.raises(ValueError, match=r"must be in the system's unit, which names it 'v \[mV\]', but is in V"):
+        picks(["v [V]"], None, start)
+
+
+@pytest.mark.parametrize("observe", [None, lambda system, t, x: {"height": x["height"]}])
+def test_names_that_nobody_wrote_are_told_where_they_come_from(observe):
+    """Assert that of (times, values) for a system the message speaks of the state's names, and how to give them."""
+    with pytest.raises(ValueError, match=r"height.*Values without names are called q0.*names=\[\.\.\.\]"):
+        observer(observe, None, ({"height": jnp.array(1.0)},), hs.measurements(TIMES, TIMES).names)
 
 
 def test_a_variable_along_another_dimension_is_refused():

@@ -1,7 +1,11 @@
 """The picture of a fit, and what the fitted motion shows between the measurements."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+
+from hybridsens.estimation.plot import plot_fit
 
 
 def test_the_plot_shows_data_residuals_and_loss(near):
@@ -18,6 +22,20 @@ def test_the_plot_s_line_goes_through_the_impacts(near):
     time, place = line.get_data()
     np.testing.assert_allclose(place[np.isin(time, near.trajectory.events.time[:5])], near.scene.distance, rtol=1e-7)
     assert place.max() <= near.scene.distance + 1e-7 and time.size > 400
+
+
+def test_event_times_alone_have_no_empty_panel():
+    """Assert that residuals come first, with a cross for each event time and a line for each event."""
+    happened = SimpleNamespace(time=np.array([0.5, 1.0, np.inf]), count=2)
+    lines = [SimpleNamespace(loss=loss, stage="all", sequence_changed=False) for loss in (2.0, 1.0)]
+    result = SimpleNamespace(
+        data=SimpleNamespace(names=(), event_times=np.array([0.5, 1.1])), event_residuals=np.array([0.0, -0.1]),
+        scene=None, trajectory=SimpleNamespace(events=happened), history=lines,
+    )  # fmt: skip
+    above, _ = plot_fit(result).axes
+    assert above.lines[0].get_xdata().tolist() == [0.5, 1.1]
+    assert sum(line.get_linestyle() == "--" for line in above.lines) == 2
+    assert above.get_title(loc="left").endswith("; dashed lines are events")
 
 
 def test_what_a_fit_predicts_at_other_times(near):

@@ -4,7 +4,7 @@ import numpy as np
 import pandas
 import pytest
 
-from hybridsens.estimation import fit, read_measurements
+from hybridsens.estimation import fit, measurements, read_measurements
 from hybridsens.scenes import BouncingBall
 
 MINUTES = np.linspace(0.0, 0.01, 5)
@@ -28,8 +28,24 @@ def test_times_in_seconds_may_have_any_name(name):
     ("times", "remedy"), [([0.0, 2.0, 1.0], r"sort_values\(<time>\)"), ([0.0, 1.0, 1.0], r"groupby\(<time>\).mean\(\)")]
 )
 def test_a_record_out_of_order_is_told_what_to_do(times, remedy):
-    with pytest.raises(ValueError, match=f"at row 2 .*: in pandas `table.{remedy}"):
+    """Assert that of several runs in one table it is told what would mix them."""
+    with pytest.raises(ValueError, match=f"at row 2 .*: in pandas `table.{remedy}.*several runs, that would mix them"):
         read_measurements({"t": times, "q0": times})
+
+
+@pytest.mark.parametrize("together", [list, tuple])
+def test_several_tables_are_told_where_several_records_are_shown(together):
+    run = pandas.DataFrame({"t": MINUTES, "q0": MINUTES})
+    with pytest.raises(TypeError, match='but is (list|tuple). Several runs .* "Several records at once" in docs'):
+        read_measurements(together([run, run]))
+
+
+def test_an_event_that_was_not_seen_is_not_to_be_left_out():
+    """That was the advice: the events after it were compared with the wrong ones."""
+    with pytest.raises(ValueError, match='give NaN, and `missing="skip"`. To leave it out would shift those after it'):
+        measurements(event_times=[1.0, np.nan, 2.0], event_sigma=1e-3)
+    with pytest.raises(ValueError, match="falls back at row 1 .*: sort them, with their `event_sigma`"):
+        measurements(event_times=[2.0, 1.0], event_sigma=1e-3)
 
 
 def test_a_guess_that_fails_tells_the_horizon_and_the_record():

@@ -24,6 +24,8 @@ def test_statuses_are_of_one_kind_and_mechanics_adds_its_own():
     assert "capture_speed" in hs.Status.max_events_reached.message
     with pytest.raises(TypeError, match="must be compared with a status"):
         hs.Status.successful == 0  # noqa: B015
+    with pytest.raises(TypeError, match="or with an array of integer codes, .* but is with 'successful'"):
+        hs.Status.successful == "successful"  # noqa: B015
 
 
 class Between(hs.AbstractScene):

@@ -105,8 +105,9 @@ def test_a_batch_keeps_every_leaf_of_its_scenes():
         (lambda scene: latin_hypercube(scene, {}, 4), "must have at least one parameter"),
         (lambda scene: sobol(scene, {}, 4), "must have at least one parameter"),
         (lambda scene: saltelli(scene, {}, 4), "must have at least one parameter"),
-        (lambda scene: batch(scene), "must have the same leading axis"),
+        (lambda scene: batch(scene), "all have the same leading axis, .* 0 for no axis. Repeat along"),
         (lambda scene: batch({"a": jnp.ones(2), "gear": jnp.arange(3)}), "same leading axis, .* {'a': 2, 'gear': 3}"),
+        (lambda scene: batch([scene, scene]), r"`jax.tree.map\(lambda .*, \*scenes\)` makes one"),
         (lambda scene: batch({"a": jnp.ones(2), "seed": jax.random.split(jax.random.key(0))}), "numbers, but 'seed'"),
     ],
 )

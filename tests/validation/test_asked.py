@@ -246,4 +246,4 @@ class Switch(TurnedSwitch):
 def test_a_mode_that_was_left_out_is_named():
     with pytest.raises(TypeError) as caught:
         hs.solve(Switch(1.0), 1.0, t1=1.0)
-    assert any("give the initial mode as the third argument" in note for note in caught.value.__notes__)
+    assert any("give the initial mode as the argument `mode`" in note for note in caught.value.__notes__)
