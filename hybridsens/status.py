@@ -73,6 +73,11 @@ class Status(eqx.Module):
         "a scheduled time changes between events, so it is not known before it comes. Make it from parameters, the "
         "mode and parts of the state whose flow is 0; for a time that depends on the rest write a guard."
     )
+    reset_unclear = outcome(
+        "an event moved its guard up by so little that rounding may have done it, as the state was once far larger: "
+        "less than 4e-11 of that size counts as rounding, in single precision 2e-5. Begin a new `solve` where the "
+        "state has become small, measure it from a nearer zero, or compute in double precision."
+    )
     queue_full = outcome("more delayed events were waiting at once than the `DelayQueue` has places. Make it larger.")
     bad_horizon = outcome(
         "the end of the horizon must be later than its start, t1 > t0, and both must be finite.", at_start=True

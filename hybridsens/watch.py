@@ -30,6 +30,8 @@ class Seen(eqx.Module):
     rate: Float[Array, "guard"]
     scale: Float[Array, "guard"]
     """By how much each would change if t and x changed by as much as they are: what its rounding is relative to."""
+    present: Float[Array, "guard"]
+    """The same, if all of x changed by as much as its largest entry is now."""
     reach: Float[Array, "state"]
     """Largest |x| so far."""
 
@@ -47,18 +49,22 @@ class Watch(eqx.Module):
     """The same of its rate."""
     reach: Float[Array, "state"]
     """Largest |x| that events have shown."""
+    unclear: Bool[Array, ""]
+    """Whether the last event moved its guard, or rounding of sizes that are long gone did."""
 
     @classmethod
     def blank(cls, count: int, x: Float[Array, "state"]) -> "Watch":
         """What is known of guards before anything is."""
         no, zero = jnp.zeros(count, bool), jnp.zeros(count, x.dtype)
-        return cls(no, no, zero, zero, jnp.zeros_like(x))
+        return cls(no, no, zero, zero, jnp.zeros_like(x), jnp.array(False))
 
     def see(self, guards: Callable[[Array, Array], Array], t, x, flow) -> Seen:
         """Guards, as the user wrote them, of (t, x), and their rates along a flow."""
         value, change = jax.linearize(guards, t, x)
         reach = jnp.maximum(self.reach, jnp.abs(x))
-        return Seen(value, change(jnp.ones_like(t), flow), jnp.abs(change(t, _uneven(reach))), reach)
+        now = jnp.full_like(x, jnp.max(jnp.abs(x), initial=0.0))
+        scale, present = (jnp.abs(change(t, _uneven(size))) for size in (reach, now))
+        return Seen(value, change(jnp.ones_like(t), flow), scale, present, reach)
 
     def scales(self, guards: Callable[[Array, Array], Array], t, x) -> tuple[Array, Array]:
         """What rounding of the guards and of their rates is relative to at (t, x).
@@ -117,6 +123,7 @@ class Watch(eqx.Module):
         near = closeness(before.value.dtype)
         share = self._share(before.scale)
         this, guards = jnp.arange(self.armed.size) == event, seen.value
+        misplaced = _misplaced(this, t, before)
         # An event is placed to what time can resolve: by so much its guard may be off, and be put back.
         told_apart = near * share * self.size + time_resolution(t, 1) * jnp.abs(before.rate)
         still = jnp.abs(guards - before.value) <= told_apart
@@ -124,14 +131,17 @@ class Watch(eqx.Module):
         below = guards < -told_apart
         falls_on = (seen.rate < -near * share * self.speed) | (self.pending & (guards < 0)) | below
         passing = this & self.armed & same & still & falls_on
+        # By the sizes of now it has risen: neither is certain then, and to take it for passed might lose an event.
+        risen = guards - before.value > near * before.present + misplaced * jnp.abs(before.rate)
+        unclear = jnp.any(this & self.armed & same & still & risen & (seen.rate < 0))
         # One that was passed at this very instant is on zero still: another event does not make it fall again.
         waiting = ~this & ~self.armed & ((guards < 0) | (same & still))
         armed = ~passing & ~waiting
         # A guard that is on zero and falling by itself fires too, but at a time of its own; one that begins to rise at
         # this event is below zero by where that was placed.
-        rises = (seen.rate > 0) & (guards >= -_misplaced(this, t, before) * seen.rate)
+        rises = (seen.rate > 0) & (guards >= -misplaced * seen.rate)
         pending = armed & (guards < 0) & ~rises & (~still | (self.pending & ~this))
-        return self._widened(armed, pending, seen)
+        return dataclasses.replace(self._widened(armed, pending, seen), unclear=unclear)
 
     def compare(self, guards: Guards, modes: tuple[Any, Any], t, x, flow) -> tuple[Seen, Bool[Array, "guard"]]:
         """Guards before an event, and which of them mean the same in the mode after: they have the value and the slope
@@ -153,13 +163,14 @@ class Watch(eqx.Module):
 
     def _widened(self, armed, pending, seen: Seen) -> "Watch":
         size, speed = _largest(self.size, seen.value), _largest(self.speed, seen.rate)
-        return Watch(armed, pending, size, speed, seen.reach)
+        return Watch(armed, pending, size, speed, seen.reach, jnp.array(False))
 
 
 def _misplaced(fallen: Bool[Array, "guard"], t, before: Seen) -> Float[Array, ""]:
-    """By how much time an event may be off: by what its guard lacks to zero, at most by what event location grants."""
+    """By how much time an event may be off: by what its guard lacks to zero, at most by what event location grants.
+    Where it is no guard of these, as an impact, that location was hardly ever relaxed more than twice."""
     lacks = jnp.where(fallen, jnp.abs(before.value) / jnp.where(before.rate != 0, jnp.abs(before.rate), 1), 0)
-    placed = time_resolution(t, 1) + jnp.max(lacks, initial=0.0)
+    placed = time_resolution(t, 2) + jnp.max(lacks, initial=0.0)
     return jnp.minimum(placed, time_resolution(t, MOST_RELAXED))
 
 

@@ -1,5 +1,6 @@
 """What a row of a table tells of a program: how long it runs and compiles, in how much memory, or why it failed."""
 
+import re
 import time
 from collections.abc import Callable
 
@@ -45,10 +46,17 @@ def planned_memory(function, *arguments) -> int | None:
 
 LONGEST = 120
 
+_RAISED = re.compile(r"(?:\w+\.)*_?(\w+(?:Error|Exception)): (.+)")
+"""The line of a traceback that names what was raised."""
+
 
 def reason(error: Exception) -> str:
-    """Type and first line of an error's message, at most `LONGEST` characters of it."""
+    """Type and first line of an error's message, at most `LONGEST` characters of it. What a compiled program raised
+    comes with its traceback in the message: then it is the line at the end of that."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    message = lines[0] if lines else "no message"
-    shown = message if len(message) <= LONGEST else message[: LONGEST - 3] + "..."
-    return f"{type(error).__name__}: {shown}"
+    raised = [found for line in lines if (found := _RAISED.fullmatch(line))]
+    if raised and any("Traceback" in line for line in lines):
+        kind, message = raised[-1].groups()
+    else:
+        kind, message = type(error).__name__, lines[0] if lines else "no message"
+    return f"{kind}: {message if len(message) <= LONGEST else message[: LONGEST - 3] + '...'}"

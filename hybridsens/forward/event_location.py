@@ -7,7 +7,6 @@ three repeats end on the guard to rounding, by true steps of the solver.
 `time_resolution(t, k)` is 4^(k+1) units in the last place of t.
 """
 
-import dataclasses
 from typing import NamedTuple
 
 import diffrax
@@ -126,9 +125,9 @@ class EventLocator(diffrax.AbstractStepSizeController):
         begin, end, error = jnp.asarray(t0), jnp.asarray(t1), jnp.asarray(y_error)
         step = StepEnds(begin, y0, state.guard, state.rate, end, y1_candidate, guard, rate, error, error_order)
         h = t1 - t0
-        turns, turn_noise = turning_at_zero(system, step, mode)
-        noise = jnp.where(turns, jnp.maximum(state.noise, turn_noise), state.noise)
-        inside = self._look(system, mode, step, accurate, dataclasses.replace(state, noise=noise), turns)
+        resolution = self._resolution(system, mode, step, state)
+        noise, turns = resolution.noise, resolution.turns
+        inside = _look(system, mode, step, accurate, resolution)
         # First a verdict.
         verdict = Verdict.of(accurate, inside)
         keep, retry_at_root, must_split = verdict
@@ -165,16 +164,14 @@ class EventLocator(diffrax.AbstractStepSizeController):
         again = ~accurate & ~(next_t1 < t1)
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, again, keep, landed, new)
 
-    def _look(self, system, mode, step: StepEnds, accurate, state: LocatorState, turns) -> Inside:
-        """What a candidate step shows: by its ends, and by a search of its inside where the system has one."""
+    def _resolution(self, system, mode, step: StepEnds, state: LocatorState) -> Resolution:
+        """What can be told of the guards in a candidate step."""
+        turns, turn_noise = turning_at_zero(system, step, mode)
+        noise = jnp.where(turns, jnp.maximum(state.noise, turn_noise), state.noise)
         depth = jnp.broadcast_to(system.grazing_depth(mode), step.guard1.shape)
         size = scales_at(system, step.t1, step.x1, mode, step.guard1)[0] + system.clock_scales(step.t1, mode)
         rounded = rounding(step.guard1.dtype) * size
-        resolution = Resolution(rounded, state.noise, turns, state.shortenings, self.stop, depth)
-        inside = look_inside(step, resolution)
-        if system.searches(step.t0, step.x0):
-            inside = _search(system, mode, step, accurate, inside, resolution)
-        return inside
+        return Resolution(rounded, noise, turns, state.shortenings, self.stop, depth)
 
     def _free_step(self, h, t1, next_h, accurate, verdict: Verdict, state: LocatorState):
         """The step that the error control would take if there were no event."""
@@ -192,6 +189,14 @@ class EventLocator(diffrax.AbstractStepSizeController):
         result = R.where(landed, R.event_occurred, R.successful)
         result = R.where(stuck, R.dt_min_reached, result)
         return R.where(full, R.max_steps_reached, result)
+
+
+def _look(system, mode, step: StepEnds, accurate, resolution: Resolution) -> Inside:
+    """What a candidate step shows: by its ends, and by a search of its inside where the system has one."""
+    inside = look_inside(step, resolution)
+    if system.searches(step.t0, step.x0):
+        inside = _search(system, mode, step, accurate, inside, resolution)
+    return inside
 
 
 def _search(system, mode, ends: StepEnds, accurate, inside: Inside, resolution: Resolution) -> Inside:

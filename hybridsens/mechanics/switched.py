@@ -171,12 +171,13 @@ class SwitchedSystem(AbstractFlatSystem):
             return mode.watch.after(number, t, before, same, chosen.seen)
 
         watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, chosen.seen, event == START))
+        status = Status.where(rises, Status.running, chosen.status)
         return dataclasses.replace(
             contacts,
             mode=SwitchedMode(chosen.contacts, chosen.own, watch),
             kind=jnp.where(falls, EventKind.SWITCH, contacts.kind),
             detail=SwitchDetail(contacts.detail, jnp.where(falls, number, -1), mode.own),
-            status=Status.where(rises, Status.running, chosen.status),
+            status=Status.where(watch.unclear, Status.reset_unclear, status),
             at_once=self.fires_at_once(event, mode),
             silent=rises,
         )

@@ -14,16 +14,20 @@ from .figure import ABOVE, LINES, new_figure, solution_times, whole_ticks
 MOST = 8
 """Entries of one leaf that are drawn."""
 
+FEW = 3
+"""Numbers in the mode that never exceed this share a panel: a counter among them would flatten the others."""
+
 
 def plot_solution(solution: Solution) -> Figure:
-    """A panel for each leaf of the state, one for the numbers in the mode, one with a tick for each event.
+    """A panel for each leaf of the state, one for the small numbers in the mode, one for each other number there, one
+    with a tick for each event.
 
     Arguments: a solution with samples (`ts=`), which should be dense.
     Returns: the figure. Raises: ValueError if the solution has no samples or is a batch; TypeError for a motion of
     `simulate`.
     """
     solution_times(solution)
-    figure = new_figure((8, 1.2 + 1.6 * (len(_rows("x", solution.x)) + 2)))
+    figure = new_figure((8, 1.2 + 1.6 * (len(_rows("x", solution.x)) + len(_modes(solution)) + 1)))
     draw_solution(solution, figure)
     return figure
 
@@ -31,7 +35,7 @@ def plot_solution(solution: Solution) -> Figure:
 def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
     """The same in a part of a figure."""
     states, modes = _rows("x", solution.x), _modes(solution)
-    panels = len(states) + bool(modes) + 1
+    panels = len(states) + len(modes) + 1
     axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
     seen = _events_between_samples(solution)
     t, order = _times(solution, seen)
@@ -39,8 +43,8 @@ def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
     for panel, (name, samples) in zip(axes, states.items(), strict=False):
         whole = np.concatenate([before[name][seen], after[name][seen], samples])[order]
         _draw(panel, t, whole, name)
-    if modes:
-        _draw_modes(axes[-2], solution, modes)
+    for panel, together in zip(axes[len(states) :], modes, strict=False):
+        _draw_modes(panel, solution, together)
     _draw_events(axes[-1], solution)
     axes[-1].set_xlabel("time")
 
@@ -64,14 +68,18 @@ def _rows(name: str, tree: Any) -> dict[str, np.ndarray]:
     return {label: leaf.reshape(leaf.shape[0], -1) for label, leaf in named_leaves(name, tree).items()}
 
 
-def _modes(solution: Solution) -> dict[str, np.ndarray]:
-    """Numbers in the mode, from the initial one on; none where it cannot be known or is too large to be drawn."""
+def _modes(solution: Solution) -> list[dict[str, np.ndarray]]:
+    """Numbers in the mode, from the initial one on, those together that share a panel; none where it cannot be known
+    or is too large to be drawn."""
     if solution.again is None:
-        return {}
+        return []
     count = int(solution.events.count)
     joined = lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)[:count]])
     modes = jax.tree.map(joined, solution.again.initial_mode(), solution.events.mode)
-    return {name: leaf for name, leaf in _rows("mode", modes).items() if leaf.shape[1] == 1}
+    drawn = {name: leaf for name, leaf in _rows("mode", modes).items() if leaf.shape[1] == 1}
+    few = {name: leaf for name, leaf in drawn.items() if np.abs(leaf.astype(float)).max() <= FEW}
+    alone = [{name: leaf} for name, leaf in drawn.items() if name not in few]
+    return [few, *alone] if few else alone
 
 
 def _draw(axes: Axes, t, values, name: str) -> None:

@@ -96,12 +96,18 @@ def test_coordinates_have_their_names_and_jumps(motion):
 
 def test_whole_modes_have_whole_ticks_and_only_several_a_legend():
     """Of one switch; of a switch and a number; of a number that is real."""
-    modes = ({"on": True}, {"on": True, "visits": 3}, {"speed": 0.5})
+    modes = ({"on": True}, {"on": True, "visits": 1}, {"speed": 0.5})
     panels = [hs.plot_solution(_switched_once(mode)).axes[1] for mode in modes]
     assert [panel.get_ylabel() for panel in panels] == ["mode.on", "mode", "mode.speed"]
     assert [panel.get_legend() is not None for panel in panels] == [False, True, False]
     whole = [all(tick == round(tick) for tick in panel.get_yticks()) for panel in panels]
     assert whole == [True, True, False]
+
+
+def test_a_counter_in_the_mode_has_a_panel_of_its_own():
+    """It would flatten the switches beside it."""
+    panels = hs.plot_solution(_switched_once({"on": True, "off": False, "visits": 99})).axes
+    assert [panel.get_ylabel() for panel in panels[1:]] == ["mode", "mode.visits", "event"]
 
 
 @pytest.mark.parametrize(
