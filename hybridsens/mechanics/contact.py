@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from ..interval.kind import Kind, kinds
 from .delassus import Delassus
 from .mass import solve_mass
 from .scene import AbstractScene
@@ -33,6 +35,12 @@ class Instant(NamedTuple):
 def gap_and_rate(scene: AbstractScene, t, q, v) -> tuple[Float[Array, "contact"], Float[Array, "contact"]]:
     """Gaps Phi(t, q) [m] and their rates Phi' = Phi_t + G^T v [m/s]."""
     return jax.jvp(scene.gap, (t, q), (jnp.ones_like(t), v))
+
+
+def walls_move(scene: AbstractScene, t, q) -> bool:
+    """Whether a gap depends on time, as the trace tells."""
+    by_time = [np.array(Kind.AFFINE), np.full(q.shape, Kind.CONSTANT)]
+    return bool(kinds(jax.make_jaxpr(scene.gap)(t, q), by_time).any())
 
 
 def gap_rate_and_bias(scene: AbstractScene, t, q, v) -> tuple[Float[Array, "contact"], Float[Array, "contact"]]:

@@ -13,7 +13,7 @@ from ..flat_system import START, Decision
 from ..numerics.tolerances import closeness, time_resolution
 from ..status import Status
 from .checks import may_begin
-from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate
+from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate, walls_move
 from .event_state import MEETING, EventState, acted_on_nearby, look_at_event, wider_scales
 from .laws import Selection, impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, open_mode
@@ -106,7 +106,7 @@ def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Con
 
 def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
     """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2)."""
-    mode = open_mode(scene.gap(t, q).shape[0], q.dtype)
+    mode = open_mode(scene.gap(t, q).shape[0], q.dtype, walls_move(scene, t, q))
     return decide_transition(scene, Limits(0.0, (0.0, atol)), jnp.array(START), Instant(t, q, v), mode).mode
 
 

@@ -90,5 +90,5 @@ def wider_scales(mode: ContactMode, jacobian: Float[Array, "contact dof"], q, v,
     floor = float(jnp.finfo(q.dtype).eps) ** (-1 / 3) * atol * jnp.sum(size, axis=1)
     length = jnp.maximum(jnp.maximum(mode.length, floor), size @ jnp.abs(q))
     speed = jnp.maximum(jnp.maximum(mode.speed, floor), jnp.maximum(size @ jnp.abs(v), jnp.abs(rate)))
-    wall = jnp.maximum(mode.wall, jnp.abs(rate - jacobian @ v))
+    wall = None if mode.wall is None else jnp.maximum(mode.wall, jnp.abs(rate - jacobian @ v))
     return dataclasses.replace(mode, length=length, speed=speed, wall=wall)

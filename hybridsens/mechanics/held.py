@@ -17,7 +17,7 @@ from ..interval.kind import Kind, kinds
 from ..numerics.tolerances import rounding
 from ..search.gap_search import search_gaps
 from ..search.path import Path
-from .contact import Among, among_held, contact_geometry, contact_jacobian
+from .contact import Among, among_held, contact_geometry, contact_jacobian, walls_move
 from .mode import ContactMode
 from .scene import AbstractScene
 
@@ -33,18 +33,16 @@ def load_varies(scene: AbstractScene, t, q, v) -> bool:
     """Whether a force bends along the way of a held body, as far as its trace tells: by time, and by place where a body
     that is held can move."""
     still, moves = (np.full(q.shape, kind) for kind in (Kind.CONSTANT, Kind.AFFINE))
-    walls = jax.make_jaxpr(scene.gap)(t, q)
-    carried = (kinds(walls, [np.array(Kind.AFFINE), still]) > Kind.CONSTANT).any()
     trace = jax.make_jaxpr(scene._load)(t, q, v)
-    place = moves if carried or q.shape[0] > 1 else still
+    place = moves if walls_move(scene, t, q) or q.shape[0] > 1 else still
     return bool((kinds(trace, [np.array(Kind.AFFINE), place, still]) >= Kind.CURVED).any())
 
 
 def supports_move(scene: AbstractScene, t, q) -> bool:
     """Whether a gap's gradient depends on time, so that a body that does not move may hang on its contacts in turn."""
-    by_time = [np.array(Kind.AFFINE), np.full(q.shape, Kind.CONSTANT)]
-    if not kinds(jax.make_jaxpr(scene.gap)(t, q), by_time).any():
+    if not walls_move(scene, t, q):
         return False
+    by_time = [np.array(Kind.AFFINE), np.full(q.shape, Kind.CONSTANT)]
     trace = jax.make_jaxpr(lambda t, q: contact_jacobian(scene, t, q))(t, q)
     return bool(kinds(trace, by_time).any())
 

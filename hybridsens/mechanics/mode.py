@@ -38,27 +38,27 @@ class ContactMode(eqx.Module):
     """Largest |G|^T |q| met so far: what rounding in the gap is relative to, also where q happens to pass 0 [m]."""
     speed: Float[Array, "contact"]
     """Largest |G|^T |v| or |Phi'| met so far: what rounding in the gap rate is relative to, also at rest [m/s]."""
-    wall: Float[Array, "contact"]
-    """Largest |Phi_t| met so far: how fast the gap moves by the clock alone [m/s]."""
+    wall: Float[Array, "contact"] | None
+    """Largest |Phi_t| met so far: how fast the gap moves by the clock alone [m/s]; None where no gap does."""
 
     @property
     def held(self) -> Bool[Array, "contact"]:
         """Contacts that are closed, with or without a multiplier."""
         return self.active | (self.margin > 0)
 
-    def clock_length(self, t) -> Float[Array, "contact"]:
+    def clock_length(self, t) -> Float[Array, "contact"] | float:
         """How far the wall comes while the clock comes to t: its place is rounded as that number is [m]."""
-        return self.wall * jnp.abs(t)
+        return 0.0 if self.wall is None else self.wall * jnp.abs(t)
 
     def gap_tolerance(self, t) -> Float[Array, "contact"]:
         """Gaps up to this size count as closed [m]: where an event is placed, its gap is off by rounding too."""
         return closeness(self.length.dtype) * self.length + 2 * rounding(self.length.dtype) * self.clock_length(t)
 
 
-def open_mode(contacts: int, dtype) -> ContactMode:
+def open_mode(contacts: int, dtype, walls_move: bool = False) -> ContactMode:
     """Every contact open, nothing remembered: what a motion starts from before its initial mode is chosen."""
     zero = jnp.zeros(contacts, dtype)
-    return ContactMode(jnp.zeros(contacts, bool), zero, zero, zero, zero, zero, zero)
+    return ContactMode(jnp.zeros(contacts, bool), zero, zero, zero, zero, zero, zero if walls_move else None)
 
 
 def default_capture_speed(dtype) -> float:

@@ -103,6 +103,8 @@ class SwitchedSystem(AbstractFlatSystem):
 
     def clock_scales(self, t, mode: SwitchedMode):
         """That of the contacts: `scales` holds that of the switches."""
+        if mode.contacts.wall is None:
+            return 0.0
         return jnp.concatenate([self.mechanics.clock_scales(t, mode.contacts), jnp.zeros_like(mode.watch.size)])
 
     def turning_scales(self, t, x, mode: SwitchedMode):

@@ -144,7 +144,7 @@ class MechanicalSystem(AbstractFlatSystem):
 
     def clock_scales(self, t, mode: ContactMode):
         """|Phi_t| t, with the fastest wall so far."""
-        return jnp.where(mode.active, 0, mode.clock_length(t))
+        return 0.0 if mode.wall is None else jnp.where(mode.active, 0, mode.clock_length(t))
 
     def grazing_depth(self, mode: ContactMode):
         """What the tolerances leave of the gap of an open contact."""
