@@ -238,7 +238,7 @@ def _decision(
     never = jnp.full((), jnp.inf, watched.watch.size.dtype)
     moves = moves_by_itself | jnp.any(watched.expected & (shown.times_rates != 0))
     status = Status.where(moves, Status.scheduled_time_moves, Status.running)
-    status = Status.where(watched.watch.unclear, Status.reset_unclear, status)
+    status = Status.where(jnp.any(watched.watch.unclear), Status.reset_unclear, status)
     status = Status.where(overflowed(watched.given), Status.queue_full, status)
     at_once, silent = jnp.asarray(at_once), jnp.asarray(silent)
     kind = jnp.array(0)

@@ -49,14 +49,14 @@ class Watch(eqx.Module):
     """The same of its rate."""
     reach: Float[Array, "state"]
     """Largest |x| that events have shown."""
-    unclear: Bool[Array, ""]
-    """Whether the last event moved its guard, or rounding of sizes that are long gone did."""
+    unclear: Bool[Array, "guard"]
+    """Guards that the last event moved, or that rounding of sizes that are long gone did."""
 
     @classmethod
     def blank(cls, count: int, x: Float[Array, "state"]) -> "Watch":
         """What is known of guards before anything is."""
         no, zero = jnp.zeros(count, bool), jnp.zeros(count, x.dtype)
-        return cls(no, no, zero, zero, jnp.zeros_like(x), jnp.array(False))
+        return cls(no, no, zero, zero, jnp.zeros_like(x), no)
 
     def see(self, guards: Callable[[Array, Array], Array], t, x, flow) -> Seen:
         """Guards, as the user wrote them, of (t, x), and their rates along a flow."""
@@ -133,7 +133,7 @@ class Watch(eqx.Module):
         passing = this & self.armed & same & still & falls_on
         # By the sizes of now it has risen: neither is certain then, and to take it for passed might lose an event.
         risen = guards - before.value > near * before.present + misplaced * jnp.abs(before.rate)
-        unclear = jnp.any(this & self.armed & same & still & risen & (seen.rate < 0))
+        unclear = this & self.armed & same & still & risen & (seen.rate < 0)
         # One that was passed at this very instant is on zero still: another event does not make it fall again.
         waiting = ~this & ~self.armed & ((guards < 0) | (same & still))
         armed = ~passing & ~waiting
@@ -163,7 +163,7 @@ class Watch(eqx.Module):
 
     def _widened(self, armed, pending, seen: Seen) -> "Watch":
         size, speed = _largest(self.size, seen.value), _largest(self.speed, seen.rate)
-        return Watch(armed, pending, size, speed, seen.reach, jnp.array(False))
+        return Watch(armed, pending, size, speed, seen.reach, jnp.zeros_like(armed))
 
 
 def _misplaced(fallen: Bool[Array, "guard"], t, before: Seen) -> Float[Array, ""]:

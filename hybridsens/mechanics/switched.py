@@ -179,7 +179,7 @@ class SwitchedSystem(AbstractFlatSystem):
             mode=SwitchedMode(chosen.contacts, chosen.own, watch),
             kind=jnp.where(falls, EventKind.SWITCH, contacts.kind),
             detail=SwitchDetail(contacts.detail, jnp.where(falls, number, -1), mode.own),
-            status=Status.where(watch.unclear, Status.reset_unclear, status),
+            status=Status.where(jnp.any(watch.unclear), Status.reset_unclear, status),
             at_once=self.fires_at_once(event, mode),
             silent=rises,
         )
