@@ -184,14 +184,15 @@ class FlattenedSystem(AbstractFlatSystem):
         flow = self.flow(t, x, mode)
         before, same = mode.watch.compare(self._values, (mode.given, given), t, x, flow)
         shown = self._show(t, after, dataclasses.replace(mode, given=given))
-        watch = mode.watch.after(event, t, before, same, shown.guards)
+        watch, unclear = mode.watch.after(event, t, before, same, shown.guards)
         came, times = self.guard_count + jnp.arange(shown.times.shape[0]) == event, self._times(x, mode.given)
         moved = shown.times != times  # to a time that has passed: then the event comes at once
         expected = (mode.expected & ~came) | (shown.times > t) | moved
         watched = WatchedMode(given, watch, expected, self._next_time(shown.times, expected))
         # A time that falls together with a jump time has passed when the clock stands behind it: nothing has moved it.
         at_once = self.fires_at_once(event, mode) | jnp.any(came & (times < t - jump_window(t)))
-        return _decision(watched, origin, shown, self._moves_by_itself(t, x, mode), at_once, rises)
+        decision = _decision(watched, origin, shown, self._moves_by_itself(t, x, mode), at_once, rises)
+        return dataclasses.replace(decision, status=Status.where(unclear, Status.reset_unclear, decision.status))
 
     def _transition(self, event, t, x, given):
         state, z = self.split(x)
@@ -238,7 +239,6 @@ def _decision(
     never = jnp.full((), jnp.inf, watched.watch.size.dtype)
     moves = moves_by_itself | jnp.any(watched.expected & (shown.times_rates != 0))
     status = Status.where(moves, Status.scheduled_time_moves, Status.running)
-    status = Status.where(jnp.any(watched.watch.unclear), Status.reset_unclear, status)
     status = Status.where(overflowed(watched.given), Status.queue_full, status)
     at_once, silent = jnp.asarray(at_once), jnp.asarray(silent)
     kind = jnp.array(0)

@@ -75,7 +75,7 @@ class Status(eqx.Module):
     )
     reset_unclear = outcome(
         "an event moved its guard up by so little that rounding may have done it, as the state was once far larger: "
-        "less than 4e-11 of that size counts as rounding, in single precision 2e-5. Begin a new `solve` where the "
+        "less than 4e-11 of that size counts as rounding, in single precision 2e-5. Begin a new motion where the "
         "state has become small, measure it from a nearer zero, or compute in double precision."
     )
     queue_full = outcome("more delayed events were waiting at once than the `DelayQueue` has places. Make it larger.")

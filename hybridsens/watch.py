@@ -49,14 +49,12 @@ class Watch(eqx.Module):
     """The same of its rate."""
     reach: Float[Array, "state"]
     """Largest |x| that events have shown."""
-    unclear: Bool[Array, "guard"]
-    """Guards that the last event moved, or that rounding of sizes that are long gone did."""
 
     @classmethod
     def blank(cls, count: int, x: Float[Array, "state"]) -> "Watch":
         """What is known of guards before anything is."""
         no, zero = jnp.zeros(count, bool), jnp.zeros(count, x.dtype)
-        return cls(no, no, zero, zero, jnp.zeros_like(x), no)
+        return cls(no, no, zero, zero, jnp.zeros_like(x))
 
     def see(self, guards: Callable[[Array, Array], Array], t, x, flow) -> Seen:
         """Guards, as the user wrote them, of (t, x), and their rates along a flow."""
@@ -117,9 +115,12 @@ class Watch(eqx.Module):
         by_itself = (seen.rate < 0) & (seen.value >= -jump_window(t) * speed)
         return known._widened(armed, ~starts & armed & (seen.value < 0) & ~by_itself, seen)
 
-    def after(self, event: Int[Array, ""], t, before: Seen, same: Bool[Array, "guard"], seen: Seen) -> "Watch":
+    def after(
+        self, event: Int[Array, ""], t, before: Seen, same: Bool[Array, "guard"], seen: Seen
+    ) -> tuple["Watch", Bool[Array, ""]]:
         """After an event (of a guard, or of any other number) at t, given the guards just before it, which of them mean
-        the same after it (`compare`), and what is seen of them then."""
+        the same after it (`compare`), and what is seen of them then; and whether it is unclear if the event moved its
+        guard, or rounding of sizes that are long gone did."""
         near = closeness(before.value.dtype)
         share = self._share(before.scale)
         this, guards = jnp.arange(self.armed.size) == event, seen.value
@@ -141,7 +142,7 @@ class Watch(eqx.Module):
         # this event is below zero by where that was placed.
         rises = (seen.rate > 0) & (guards >= -misplaced * seen.rate)
         pending = armed & (guards < 0) & ~rises & (~still | (self.pending & ~this))
-        return dataclasses.replace(self._widened(armed, pending, seen), unclear=unclear)
+        return self._widened(armed, pending, seen), jnp.any(unclear)
 
     def compare(self, guards: Guards, modes: tuple[Any, Any], t, x, flow) -> tuple[Seen, Bool[Array, "guard"]]:
         """Guards before an event, and which of them mean the same in the mode after: they have the value and the slope
@@ -163,12 +164,13 @@ class Watch(eqx.Module):
 
     def _widened(self, armed, pending, seen: Seen) -> "Watch":
         size, speed = _largest(self.size, seen.value), _largest(self.speed, seen.rate)
-        return Watch(armed, pending, size, speed, seen.reach, jnp.zeros_like(armed))
+        return Watch(armed, pending, size, speed, seen.reach)
 
 
 def _misplaced(fallen: Bool[Array, "guard"], t, before: Seen) -> Float[Array, ""]:
     """By how much time an event may be off: by what its guard lacks to zero, at most by what event location grants.
-    Where it is no guard of these, as an impact, that location was hardly ever relaxed more than twice."""
+    Of what is no guard of these, as an impact, that is not known: it counts as relaxed twice, as for contacts that
+    meet."""
     lacks = jnp.where(fallen, jnp.abs(before.value) / jnp.where(before.rate != 0, jnp.abs(before.rate), 1), 0)
     placed = time_resolution(t, 2) + jnp.max(lacks, initial=0.0)
     return jnp.minimum(placed, time_resolution(t, MOST_RELAXED))

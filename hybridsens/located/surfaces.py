@@ -67,8 +67,9 @@ def chosen(surfaces: list[tuple[Surface, bool]], above: Var, equation: JaxprEqn)
     """What stands for a comparison: its result by the outcomes. With each surface goes whether it is asked for the
     other way round."""
     rows = tuple(Rows(surface.start, surface.shape, turned) for surface, turned in surfaces)
-    operands, kind = [above, *equation.invars], equation.outvars[0].aval
-    choice = _choice(equation.primitive.name, rows, kind.dtype, *(operand.aval for operand in operands))  # pyright: ignore[reportAttributeAccessIssue]
+    operands: list[Any] = [above, *equation.invars]
+    kind: Any = equation.outvars[0].aval
+    choice = _choice(equation.primitive.name, rows, kind.dtype, *(operand.aval for operand in operands))
     return choice.replace(invars=operands, outvars=equation.outvars)
 
 

@@ -172,14 +172,15 @@ class SwitchedSystem(AbstractFlatSystem):
             before, same = mode.watch.compare(self._switches, (mode.own, chosen.own), t, x, flow)
             return mode.watch.after(number, t, before, same, chosen.seen)
 
-        watch = lax.cond(event >= 0, switched, lambda: mode.watch.begin(t, chosen.seen, event == START))
+        begun = lambda: (mode.watch.begin(t, chosen.seen, event == START), jnp.array(False))
+        watch, unclear = lax.cond(event >= 0, switched, begun)
         status = Status.where(rises, Status.running, chosen.status)
         return dataclasses.replace(
             contacts,
             mode=SwitchedMode(chosen.contacts, chosen.own, watch),
             kind=jnp.where(falls, EventKind.SWITCH, contacts.kind),
             detail=SwitchDetail(contacts.detail, jnp.where(falls, number, -1), mode.own),
-            status=Status.where(jnp.any(watch.unclear), Status.reset_unclear, status),
+            status=Status.where(unclear, Status.reset_unclear, status),
             at_once=self.fires_at_once(event, mode),
             silent=rises,
         )

@@ -3,8 +3,11 @@
 import gc
 import inspect
 
+import jax
+import jax.numpy as jnp
 import pytest
 
+import hybridsens as hs
 from hybridsens.flat_system import AbstractFlatSystem
 from hybridsens.xla.tracing import TracedOnce, collection_put_off
 
@@ -40,3 +43,32 @@ def test_every_method_is_handed_on():
     methods = {name for name, _ in inspect.getmembers(AbstractFlatSystem, inspect.isfunction) if name[0] != "_"}
     assert len(methods) > 15
     assert methods <= set(vars(TracedOnce))
+
+
+class Decay(hs.AbstractHybridSystem):
+    """x' = -rate x, and nothing happens. It counts how often it is traced."""
+
+    rate: jax.Array
+    traced = 0
+
+    def flow(self, t, x, mode):
+        type(self).traced += 1
+        return -self.rate * x
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+def test_a_parameter_of_a_weak_type_is_traced_no_oftener():
+    """`jnp.array(1.0)` has one, and an array that was computed has none."""
+    weak, strong = jnp.array(1.0), jnp.ones(())
+    assert weak.weak_type and not strong.weak_type
+    traced = []
+    for rate in (weak, strong):
+        counting = type("Counting", (Decay,), {})
+        jax.make_jaxpr(lambda rate, kind=counting: hs.solve(kind(rate), 1.0, t1=1.0).final)(rate)
+        traced.append(counting.traced)
+    assert traced[0] == traced[1]
