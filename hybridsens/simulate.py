@@ -18,11 +18,11 @@ from .forward.solver import RunSettings
 from .located.system import own_mode
 from .mechanics.checks import check_kinds, check_room, check_shapes
 from .mechanics.condensed import condensed
-from .mechanics.contact import walls_move
+from .mechanics.decisions import mode_before_any
 from .mechanics.event_table import shown_by_values
 from .mechanics.located import located
 from .mechanics.mass import with_known_mass
-from .mechanics.mode import ContactMode, EventKind, default_capture_speed, open_mode
+from .mechanics.mode import ContactMode, EventKind, default_capture_speed
 from .mechanics.scene import AbstractScene, State
 from .mechanics.smoothness import warn_of_discontinuities
 from .mechanics.switched import SwitchedMode, SwitchedSystem
@@ -190,8 +190,7 @@ def _simulate(
     mechanics = dataclasses.replace(mechanics, scene=scene)
     cost = Shapes.of(jax.eval_shape(lambda: mechanics.cost_rate(t0, state.q, state.v)))
     x0 = jnp.concatenate([state.q, state.v, jnp.zeros(cost.size, state.q.dtype)])
-    contacts = jax.eval_shape(mechanics.scene.gap, t0, state.q).shape[0]
-    mode = open_mode(contacts, state.q.dtype, walls_move(mechanics.scene, t0, state.q))
+    mode = mode_before_any(mechanics.scene, t0, state.q)
     system, mode = system.begin(mechanics, mode, x0) if isinstance(system, SwitchedSystem) else (mechanics, mode)
     status = horizon_status(t0, t1, ts, settings, number(mechanics.capture_speed))
     options = Options(mode, status, settings)

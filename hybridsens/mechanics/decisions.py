@@ -5,6 +5,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
@@ -104,10 +105,16 @@ def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Con
     return Decision(after, kind, detail, grazing, status, first_step_bound, order_matters=order_matters)
 
 
+def mode_before_any(scene: AbstractScene, t, q) -> ContactMode:
+    """Every contact of a scene open, nothing remembered: what the first decision starts from."""
+    contacts = jax.eval_shape(scene.gap, t, q).shape[0]
+    return open_mode(contacts, q.dtype, walls_move(scene, t, q))
+
+
 def initial_mode(scene: AbstractScene, t, q, v, atol) -> ContactMode:
     """Contacts that the initial state holds closed: Phi = 0 and Phi' = 0 up to rounding, chosen by (T2)."""
-    mode = open_mode(scene.gap(t, q).shape[0], q.dtype, walls_move(scene, t, q))
-    return decide_transition(scene, Limits(0.0, (0.0, atol)), jnp.array(START), Instant(t, q, v), mode).mode
+    limits, mode = Limits(0.0, (0.0, atol)), mode_before_any(scene, t, q)
+    return decide_transition(scene, limits, jnp.array(START), Instant(t, q, v), mode).mode
 
 
 def _bounce(scene: AbstractScene, at_event: EventState, now: Instant, mode: ContactMode, grazing, status) -> Decision:
