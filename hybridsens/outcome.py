@@ -87,11 +87,18 @@ def where_ended(status: Status, t1: Array, broken_off: Array) -> Array:
     return jnp.where(status.reached_end, t1, lax.stop_gradient(broken_off))
 
 
+def where_in_doubt(status: Status, doubt_time: Array) -> Array:
+    """When a motion came into doubt; nan for one that is not, or that broke off later."""
+    return jnp.where(status.reached_end & (status != Status.successful), doubt_time, jnp.nan)
+
+
 def end_told(motion: Any) -> str:
-    """When one motion that can be seen broke off; "" of another."""
+    """When one motion that can be seen broke off, or came into doubt; "" of another."""
     ended, status = motion.end_time, motion.status
-    if isinstance(ended, jax.core.Tracer) or np.ndim(ended) > 0 or status.reached_end or status.at_start:
+    if isinstance(ended, jax.core.Tracer) or np.ndim(ended) > 0 or status.at_start:
         return ""
+    if status.reached_end:
+        return f" That was at t = {float(motion.doubt_time):.9g}." if status != Status.successful else ""
     return f" It broke off at t = {float(ended):.9g}."
 
 

@@ -27,6 +27,8 @@ class Reported(NamedTuple):
     status: Status
     end_time: Float[Array, ""]
     """When the motion ended: t1, or where it broke off, which is held fixed."""
+    doubt_time: Float[Array, ""]
+    """When that happened which puts the derivatives of a motion that reached its end in doubt; nan for another."""
     accepted: Int[Array, ""]
     rejected: Int[Array, ""]
 
@@ -48,7 +50,7 @@ def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: i
     return Reported(
         Observables(motion.x, samples, states), jnp.where(happened, cut(events.guard), -1),
         cut(events.decision.kind), cut(events.decision.order_matters), count, cut(events.decision.mode),
-        motion.mode, motion.status, motion.t, motion.steps.count, motion.rejected,
+        motion.mode, motion.status, motion.t, motion.doubt.time, motion.steps.count, motion.rejected,
     )  # fmt: skip
 
 

@@ -96,10 +96,11 @@ def _padded(dataset, rows, filling: float | int = 0):
     return jnp.asarray(np.concatenate([rows, np.full((room - len(rows), *rows.shape[1:]), filling, rows.dtype)]))
 
 
-def _how_it_ended(dataset) -> tuple[Status, Array, Steps]:
-    end_time = jnp.asarray(dataset.attrs["end_time"], dataset["event_time"].dtype)
+def _how_it_ended(dataset) -> tuple[Status, Array, Array, Steps]:
+    of_type = dataset["event_time"].dtype
+    end_time, doubt_time = (jnp.asarray(dataset.attrs[f"{name}_time"], of_type) for name in ("end", "doubt"))
     steps = Steps(*(jnp.asarray(dataset.attrs[f"steps_{name}"]) for name in ("accepted", "rejected")))
-    return _status(dataset.attrs), end_time, steps
+    return _status(dataset.attrs), end_time, doubt_time, steps
 
 
 def _status(attributes) -> Status:

@@ -31,7 +31,7 @@ from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Events, Trajectory
 from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .numerics.shapes import Shapes
-from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended
+from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .reported import Reported
 from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
@@ -216,8 +216,9 @@ def _trajectory(system: MechanicalSystem, t1, ts, reported: Reported, cost: Shap
     )
     sampled = (None, None) if samples is None else system.split(samples)[:2]
     end_time = where_ended(status, t1, reported.end_time)
+    doubt_time = where_in_doubt(status, reported.doubt_time)
     return Trajectory(
-        ts, *sampled, State(q, v), cost.restore(z), events, closed, status, end_time,
+        ts, *sampled, State(q, v), cost.restore(z), events, closed, status, end_time, doubt_time,
         Steps(reported.accepted, reported.rejected), mode,
     )  # fmt: skip
 

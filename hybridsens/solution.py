@@ -70,6 +70,9 @@ class Solution(eqx.Module):
     """`Status.successful`, or what went wrong."""
     end_time: Float[Array, "*batch"]
     """When it ended: t1, or where it broke off, which derivatives hold fixed."""
+    doubt_time: Float[Array, "*batch"]
+    """When that happened, with status `grazing` or `guard_jumps`, which puts its derivatives in doubt (the last time,
+    if it happened more than once); nan for others."""
     steps: Steps
     """How much work it took."""
     waiting: Bool[Array, "*batch guard"]

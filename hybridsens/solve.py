@@ -21,7 +21,7 @@ from .forward.solver import RunSettings
 from .located.system import located, own_guards, own_mode, own_number
 from .numerics.sample_times import time_in_the_way
 from .numerics.shapes import Shapes
-from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended
+from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
@@ -202,5 +202,8 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     status = reported.status.without_known_jumps(flat.system.known_discontinuities)
     status = flat.status_at_end(t1, final, reported.mode, status)
     end_time = where_ended(status, t1, reported.end_time)
+    doubt_time = where_in_doubt(status, reported.doubt_time)
     waiting, mode = own_guards(~reported.mode.watch.armed, flat.system), own_mode(reported.mode.given)
-    return Solution(ts, samples, x, total, events, mode, status, end_time, steps, waiting, None)
+    return Solution(
+        ts, samples, x, total, events, mode, status, end_time, doubt_time, steps, waiting, None
+    )

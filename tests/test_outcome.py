@@ -1,5 +1,7 @@
 """A motion that did not reach its end raises, in few lines where it is compiled, or makes its numbers nan."""
 
+import re
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -21,6 +23,24 @@ SENTENCE = (
 
 
 ROOM = dict(max_events=4, max_steps=64)
+
+
+class Swing(hs.AbstractScene):
+    """A mass on a spring, and a stop."""
+
+    stop: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return -q
+
+    def gap(self, t, q):
+        return self.stop - q
+
+    def restitution(self):
+        return jnp.ones(1)
 
 
 class BrokenSawtooth(Sawtooth):
@@ -139,6 +159,18 @@ def test_a_motion_that_grazes_is_not_said_to_have_broken_off():
     doubtful = eqx.tree_at(lambda motion: motion.status, motion, hs.Status.grazing)
     with pytest.raises(hs.SimulationError, match=r"^The motion is whole, but in doubt \(grazing\): the motion reached"):
         raise_unless_successful(doubtful)
+
+
+def test_a_touch_that_may_be_a_miss_is_told_with_its_time():
+    """sin(t) and a stop that it misses by 1e-12, at pi / 2: the tolerances cannot tell whether it does."""
+    swing = lambda **given: hs.simulate(Swing(jnp.array(1 + 1e-12)), hs.State([0.0], [1.0]), t1=3.0, **given)
+    motion = swing(throw=False)
+    assert motion.status == hs.Status.grazing and abs(motion.doubt_time - jnp.pi / 2) < 1e-3
+    told = f"That was at t = {float(motion.doubt_time):.9g}."
+    assert told in str(motion)
+    with pytest.raises(hs.SimulationError, match=re.escape(told)):
+        swing()
+    assert jnp.isnan(swing(throw=False, max_steps=24).doubt_time)  # it broke off later
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ def attributes(kind: str, motion: Any) -> dict[str, Any]:
         "status": motion.status.message or "successful",
         "status_code": int(motion.status.code),
         "end_time": float(motion.end_time),
+        "doubt_time": float(motion.doubt_time),
         "steps_accepted": int(motion.steps.accepted),
         "steps_rejected": int(motion.steps.rejected),
         "max_events": motion.events.time.shape[0],

@@ -51,8 +51,8 @@ class LocatorState(eqx.Module):
     rejected: Int[Array, ""]
     landed_on: Int[Array, ""]
     """The guard that the last step ended on; it means nothing where the step ended on none."""
-    grazing: Bool[Array, ""]
-    """Whether a guard was missed by less than can be told from an event."""
+    grazed: Float[Array, ""]
+    """End of the last step in which a guard was missed by less than can be told from an event; -inf for none."""
     jumped: Bool[Array, ""]
     """Whether the guard that the last step ended on has jumped below zero, without falling."""
     finite: Bool[Array, ""]
@@ -102,10 +102,10 @@ class EventLocator(diffrax.AbstractStepSizeController):
         t1, inner = self.inner.init(terms, t0, t1, y0, first_step, args, func, error_order)
         start = self.start
         rate = jnp.where(start.leaving, jnp.maximum(start.rate, 0), start.rate)
-        no, yes = jnp.array(False), jnp.array(True)
+        never, no, yes = jnp.full_like(rate, -jnp.inf, shape=()), jnp.array(False), jnp.array(True)
         state = LocatorState(
             inner, self.record, jnp.where(start.leaving, 0, jnp.maximum(start.guard, 0)), rate, start.noise,
-            jnp.array(0), first_step, self.rejected, jnp.array(-1), no, no, yes, jnp.array(0),
+            jnp.array(0), first_step, self.rejected, jnp.array(-1), never, no, yes, jnp.array(0),
         )  # fmt: skip
         return t1, state
 
@@ -155,7 +155,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
             free_step=self._free_step(h, t1, next_t1 - next_t0, accurate, verdict, state),
             rejected=state.rejected + ~keep,
             landed_on=inside.landed_on,
-            grazing=state.grazing | (accurate & inside.grazes),
+            grazed=jnp.where(accurate & inside.grazes, t1, state.grazed),
             jumped=inside.jumps,
             finite=jnp.all(jnp.isfinite(y1_candidate)) & inside.finite,
             crawled=jnp.where(keep, jnp.where(h <= time_resolution(t0, 1), state.crawled + 1, 0), state.crawled),

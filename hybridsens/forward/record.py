@@ -12,6 +12,7 @@ from ..flat_system import FLOW_JUMP, AbstractFlatSystem, Decision, Mode
 from ..numerics.tolerances import jump_length
 from ..observables import EventStates
 from ..status import Status
+from .doubt import Doubt
 
 
 def jump_number(place):
@@ -126,8 +127,7 @@ class Motion(eqx.Module):
     """-inf before the first."""
     last_is_silent: Bool[Array, ""]
     """Whether the last event was silent: its place in time has no derivative that another event could share."""
-    doubt: Status
-    """`Status.running`, or why the derivatives of a motion that reaches its end are not to be trusted."""
+    doubt: Doubt
     unreported: Int[Array, ""]
     """Jump times and silent events passed so far, which are rows of the record of events."""
     rejected: Int[Array, ""]
@@ -164,7 +164,7 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
         room=room,
     )
     never = jnp.array(-jnp.inf, t0.dtype)
-    begun, doubt, zero = jnp.array(False), Status.running, jnp.array(0)
+    begun, doubt, zero = jnp.array(False), Doubt.none(t0), jnp.array(0)
     return Motion(
         begun, t0, x0, mode, mode, steps, events, jnp.array(-1), never, jnp.array(False), doubt, zero, zero,
         jnp.zeros_like(t0), status,

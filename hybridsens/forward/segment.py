@@ -69,7 +69,7 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
         t=ts[0],
         x=ys[0],
         steps=state.record,
-        doubt=Status.where(state.grazing, Status.grazing, motion.doubt),
+        doubt=motion.doubt.also(jnp.isfinite(state.grazed), Status.grazing, state.grazed),
         rejected=state.rejected,
         # At the beginning none is known yet (0): the error control finds one in the mode that is chosen there.
         first_step=jnp.where(motion.begun, state.free_step, motion.first_step),

@@ -12,6 +12,7 @@ from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision
 from ..numerics.tolerances import MOST_RELAXED, time_resolution
 from ..observables import EventStates
 from ..status import Status
+from .doubt import Doubt
 from .past_jump import past_jump
 from .record import EventRow, Motion, after_jump, is_jump
 from .segment import SegmentEnd, guard_count, solve_segment
@@ -99,7 +100,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         last_event=jnp.where(carried_out, end.event, motion.last_event),
         last_event_time=jnp.where(recorded, t, motion.last_event_time),
         last_is_silent=jnp.where(carried_out, jnp.asarray(done.decision.silent), motion.last_is_silent),
-        doubt=Status.where(recorded, _doubt(motion, end, done.decision), motion.doubt),
+        doubt=_doubt(motion, end, done.decision, recorded),
         unreported=motion.unreported + (recorded & hidden),
         rejected=motion.rejected,
         first_step=first_step,
@@ -135,17 +136,17 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     return Transition(decision, after, emitted)
 
 
-def _doubt(motion: Motion, end: SegmentEnd, decision: Decision) -> Status:
-    """Why derivatives are not to be trusted, this event included; `Status.running` if they are."""
+def _doubt(motion: Motion, end: SegmentEnd, decision: Decision, recorded) -> Doubt:
+    """Why derivatives are not to be trusted, this event included where it is `recorded`."""
     # Where a guard that was below zero jumps above it, nothing happens, so that no derivative asks for that place.
     jumps = end.jumped & jnp.logical_not(decision.at_once) & jnp.logical_not(decision.silent)
-    doubt = Status.where(jumps, Status.guard_jumps, motion.doubt)
-    return Status.where(decision.grazing, Status.grazing, doubt)
+    doubt = motion.doubt.also(recorded & jumps, Status.guard_jumps, end.time)
+    return doubt.also(recorded & decision.grazing, Status.grazing, end.time)
 
 
 def _status(motion: Motion, end: SegmentEnd, full, repeats, decided: Status) -> Status:
     """What is said of the motion after a segment and its event. Later lines override earlier ones."""
-    reached = Status.where(motion.doubt == Status.running, Status.successful, motion.doubt)
+    reached = Status.where(motion.doubt.why == Status.running, Status.successful, motion.doubt.why)
     ended = Status.where(motion.status == Status.running, reached, motion.status)
     status = Status.where(end.is_event, motion.status, ended)
     status = Status.where(decided == Status.running, status, decided)

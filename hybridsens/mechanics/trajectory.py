@@ -87,6 +87,9 @@ class Trajectory(eqx.Module):
     """`Status.successful`, or what went wrong."""
     end_time: Float[Array, "*batch"]
     """When it ended [s]: t1, or where it broke off, which derivatives hold fixed."""
+    doubt_time: Float[Array, "*batch"]
+    """When that happened, with status `grazing` or `guard_jumps`, which puts its derivatives in doubt [s] (the last
+    time, if it happened more than once); nan for others."""
     steps: Steps
     """How much work it took."""
     scene_mode: Any = None

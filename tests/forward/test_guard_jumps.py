@@ -43,7 +43,9 @@ def test_one_that_jumps_is_told():
         moved(Faster, PLACE, "jumps")
     motion = moved(Faster, PLACE, "jumps", throw=False)
     assert motion.status == hs.Status.guard_jumps
-    assert moved(Harmless, PLACE, "jumps").status == hs.Status.successful
+    assert_close(motion.doubt_time, PLACE, 1e-12)
+    harmless = moved(Harmless, PLACE, "jumps")
+    assert harmless.status == hs.Status.successful and jnp.isnan(harmless.doubt_time)
     assert_close(motion.final, jnp.array([4.6]), 1e-12)
 
 

@@ -137,7 +137,7 @@ def _switched_once(mode, ts=(0.0, 1.0, 2.0), end=2.0):
     rest = jnp.zeros(1)
     events = SolutionEvents(jnp.ones(1), jnp.zeros(1, int), rest, rest, later, jnp.array(1))
     steps = Steps(jnp.array(1), jnp.array(0))
-    ended = hs.Status.successful, jnp.array(end), steps
+    ended = hs.Status.successful, jnp.array(end), jnp.array(jnp.nan), steps
     return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, *ended, jnp.zeros(1, bool), again)
 
 

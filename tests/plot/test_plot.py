@@ -26,7 +26,7 @@ def _lifted_ball(ts) -> Trajectory:
     q, v = (flight**2)[:, None], (2 * flight)[:, None]
     return Trajectory(
         jnp.asarray(ts), q, v, State(q[-1], v[-1]), None, events, jnp.array([False]), Status.successful,
-        jnp.asarray(ts[-1]), steps,
+        jnp.asarray(ts[-1]), jnp.array(jnp.nan), steps,
     )  # fmt: skip
 
 
