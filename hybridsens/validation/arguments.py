@@ -78,7 +78,7 @@ def in_type(tree: Any, dtype) -> Any:
     """The tree with its real arrays in that type, and none of a weak one, such as `jnp.array(1.0)` has: within a
     program it would be strong, for which all would be traced once more."""
     is_real = lambda leaf: eqx.is_inexact_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.floating)
-    other = lambda leaf: is_real(leaf) and (leaf.dtype != dtype or leaf.weak_type)
+    other = lambda leaf: is_real(leaf) and (leaf.dtype != dtype or getattr(leaf, "weak_type", False))
     if not any(map(other, jax.tree.leaves(tree))):
         return tree
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype) if other(leaf) else leaf, tree)

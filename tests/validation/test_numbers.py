@@ -98,6 +98,14 @@ def test_a_number_in_the_field_of_an_array_is_a_real_array(number):
         assert isinstance(leaf, jax.Array) and leaf.dtype == jnp.result_type(float) and not leaf.weak_type
 
 
+def test_arrays_of_numpy_are_parameters():
+    """Also outside of jax.jit, as what `jax.device_get` gives."""
+    scene, tank = jax.tree.map(np.asarray, (Ball(10), Tank(1)))
+    assert type(scene.weight) is np.ndarray and type(tank.rate) is np.ndarray
+    assert height(scene) == height(Ball(10))
+    assert hs.solve(tank, 1.0, t1=0.2).final == hs.solve(Tank(1), 1.0, t1=0.2).final
+
+
 def test_a_number_has_a_derivative():
     """Where its field is that of an array, in a scene and in a system; it is that of the closed form."""
     fall = lambda g: jnp.sqrt(2 / g)
