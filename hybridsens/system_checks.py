@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from .system import AbstractHybridSystem
 from .validation.asked import Asked, is_method, kind_of
 from .validation.lost_derivatives import hides_tracers, method_of, undifferentiated, warn_of_mode_after
+from .validation.negated import must_not_negate
 from .validation.returned import must_be_pair, must_have_shape, must_match, outcome, returned_array, returned_leaves
 
 
@@ -90,6 +91,7 @@ def check_system(system: AbstractHybridSystem, running_cost, t, x, mode) -> tupl
         must_be_pair(transition, after, "(x, mode)")
         must_match(transition, "the state", after[0], x, exact=False)
         must_match(transition, "the mode", after[1], mode, exact=True)
+        must_not_negate(transition, event, t, x, mode)
     if running_cost is None:
         return counts, None
     returned_leaves(Asked("running_cost(system, t, x, mode)", running_cost), system, t, x, mode)

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..validation.asked import Asked
 from ..validation.lost_derivatives import hides_tracers, method_of, warn_of_mode_after
+from ..validation.negated import must_not_negate
 from ..validation.returned import must_be_pair, must_have_shape, must_match, outcome, returned_array
 from .scene import AbstractScene, State
 from .wrapped import WrappedScene, as_written, lifted
@@ -151,6 +152,7 @@ def _count_switches(scene: AbstractSwitchedScene, state: State, mode: Any) -> in
     must_be_pair(kick, after, "(v, mode)")
     must_match(kick, "the velocities", after[0], v, exact=False)
     must_match(kick, "the mode", after[1], mode, exact=True)
+    must_not_negate(kick, event, t, q, v, mode)
     return switches.shape[0]
 
 

@@ -64,6 +64,12 @@ def test_a_function_that_does_not_fit_is_named(name):
         hs.simulate(cart_with(**methods), START, True, t1=1.0)
 
 
+def test_a_flag_that_is_given_as_a_number_is_refused():
+    """`~1` counts as true: the motor never turned round, and the motion had four events for six."""
+    with pytest.raises(TypeError, match="`switch` must not apply `~` to a whole number of the mode, but that of Cart"):
+        hs.simulate(Cart(*NUMBERS), START, 1, t1=1.0)
+
+
 def test_a_mode_that_a_scene_does_not_have_is_refused():
     """A scene without switches has no mode to begin in, and one with switches may not be left without it."""
     with pytest.raises(TypeError, match="`mode` must be left out for a BouncingBall"):
