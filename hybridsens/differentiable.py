@@ -42,8 +42,8 @@ def differentiable_motion(problem: Problem, options: Options, adjoint: AbstractG
     # JAX names the mesh that it finds where it traces a derivative rule. What it traced without a name would be traced
     # again there. Under `jax.disable_jit` a motion is compiled all the same: the primitives below are of traces.
     with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()), jax.disable_jit(False):
-        if not adjoint.reverse_mode:
-            return _move(problem, options)[0]
+        if not adjoint.reverse_mode:  # nothing else would tell that a derivative is taken
+            return _move(problem, options._replace(differentiated=True))[0]
         return (_solve_in_any_mode if adjoint.forward_mode else _solve_in_reverse)(problem, options, adjoint)
 
 
@@ -56,7 +56,7 @@ def _solve_in_reverse(problem: Problem, options: Options, adjoint: AbstractGradi
 @_solve_in_reverse.def_fwd
 def _solve_fwd(perturbed, problem, options, adjoint):
     del perturbed, adjoint
-    return _move(problem, options)
+    return _move(problem, options._replace(differentiated=True))
 
 
 @_solve_in_reverse.def_bwd
@@ -77,7 +77,7 @@ def _solve_in_any_mode_jvp(primals, tangents):
     problem, options, adjoint = primals
     (d_problem, *_) = tangents
     backward_options = BackwardOptions(adjoint, d_problem.t0 is not None, d_problem.t1 is not None)
-    reported, record = _move(problem, options)
+    reported, record = _move(problem, options._replace(differentiated=True))
 
     # The map takes and returns lists of arrays: constants, the tangents of what is perturbed, those of `observed`.
     dynamic, static = eqx.partition((problem, options, backward_options, record), eqx.is_array)

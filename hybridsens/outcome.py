@@ -89,7 +89,7 @@ def where_ended(status: Status, t1: Array, broken_off: Array) -> Array:
 
 def where_in_doubt(status: Status, doubt_time: Array) -> Array:
     """When a motion came into doubt; nan for one that is not, or that broke off later."""
-    return jnp.where(status.reached_end & (status != Status.successful), doubt_time, jnp.nan)
+    return lax.stop_gradient(jnp.where(status.in_doubt, doubt_time, jnp.nan))
 
 
 def end_told(motion: Any) -> str:
@@ -98,7 +98,7 @@ def end_told(motion: Any) -> str:
     if isinstance(ended, jax.core.Tracer) or np.ndim(ended) > 0 or status.at_start:
         return ""
     if status.reached_end:
-        return f" That was at t = {float(motion.doubt_time):.9g}." if status != Status.successful else ""
+        return f" That was at t = {float(motion.doubt_time):.9g}." if status.in_doubt else ""
     return f" It broke off at t = {float(ended):.9g}."
 
 

@@ -17,6 +17,7 @@ from .adjoint.segment_steps import recomputed_steps, recorded_steps
 from .adjoint.step import step_parameter_mask
 from .adjoint.steps_back import BackwardPass
 from .flat_system import AbstractFlatSystem, Mode
+from .forward.flow_jumps import told_of_flow_jumps
 from .forward.record import Motion, empty_motion, first_moment
 from .forward.sampling import past_coincidences, sample_states
 from .forward.segment_loop import run_segments
@@ -45,6 +46,8 @@ class Options(NamedTuple):
     status: Status
     """`Status.running`, or why the motion must not start."""
     settings: RunSettings
+    differentiated: bool = False
+    """Whether a derivative is taken, so that what spoils it must be told."""
 
 
 class BackwardOptions(NamedTuple):
@@ -74,7 +77,10 @@ def _forward_pass(problem: Problem, options: Options) -> Motion:
     settings = options.settings
     room = settings.max_events, settings.max_steps if settings.segment_steps is None else 0
     motion = empty_motion(system, t0, x0, options.mode, *room, options.status)
-    return run_segments(system, stepper, t1, motion)
+    motion = run_segments(system, stepper, t1, motion)
+    if not options.differentiated or settings.segment_steps is not None:  # steps that are not recorded are not seen
+        return motion
+    return told_of_flow_jumps(system, settings.atol / settings.rtol, motion)
 
 
 def _samples(problem: Problem, options: Options, motion: Motion):

@@ -27,12 +27,17 @@ def finest_tolerance(dtype) -> float:
 
 
 def _tolerances(rtol, atol, dtype):
-    """Tolerances that the floating point type can meet."""
+    """Tolerances that the floating point type can meet.
+
+    `atol` is a size in the units of the state, which only the caller knows. In single precision it is raised in
+    proportion to `rtol`, as the two are mostly given as one number."""
     finest = finest_tolerance(dtype)
+    smallest = float(jnp.finfo(dtype).tiny) ** 0.5  # the error norm squares an error over it
     if isinstance(rtol, jax.Array) or isinstance(atol, jax.Array):
-        return _raised(rtol, finest), _raised(atol, finest) if dtype == jnp.float32 else atol
-    atol = max(atol, float(jnp.finfo(dtype).tiny) ** 0.5)  # the error norm squares an error over it
-    if rtol < finest or (atol < finest and dtype == jnp.float32):
+        raised = _raised(rtol, finest)
+        return raised, _raised(atol * (raised / rtol if dtype == jnp.float32 else 1), smallest)
+    atol = max(atol, smallest)
+    if rtol < finest:
         enabled = jax.dtypes.canonicalize_dtype(float) == jnp.float64
         double = " For double precision " + (
             "give the initial state in it, as by `jnp.asarray(q, float)`."
@@ -40,11 +45,11 @@ def _tolerances(rtol, atol, dtype):
             else "call `hybridsens.configure(x64=True)` before JAX starts."
         )
         warnings.warn(
-            f"Tolerances below {finest:.1e} are beyond {dtype} and are raised to it."
-            f"{double if dtype == jnp.float32 else ''}",
+            f"An `rtol` below {finest:.1e} is beyond {dtype} and is raised to it"
+            f"{f', and `atol` in proportion.{double}' if dtype == jnp.float32 else '.'}",
             stacklevel=4,
         )
-        return max(rtol, finest), max(atol, finest) if dtype == jnp.float32 else atol
+        return finest, atol * (finest / rtol if dtype == jnp.float32 else 1)
     return rtol, atol
 
 
@@ -135,7 +140,8 @@ def declared_jump_times(model: Any, jump_ts, dtype) -> Array | None:
 def horizon_status(t0, t1, ts, settings: RunSettings, capture_speed: float | Array = 0.0) -> Status:
     """Whether times and tolerances fit; what depends on the scene is looked at where the motion begins."""
     capture_speed = jnp.asarray(capture_speed)
-    fits = (jnp.asarray(settings.rtol) > 0) & (settings.atol > 0) & (capture_speed >= 0) & (capture_speed < 1)
+    is_size = lambda x: (jnp.asarray(x) > 0) & (x < jnp.inf)
+    fits = is_size(settings.rtol) & is_size(settings.atol) & (capture_speed >= 0) & (capture_speed < 1)
     status = Status.where(fits, Status.running, Status.bad_tolerance)
     if ts is not None and ts.shape[0] > 0:
         sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)

@@ -71,8 +71,8 @@ class Solution(eqx.Module):
     end_time: Float[Array, "*batch"]
     """When it ended: t1, or where it broke off, which derivatives hold fixed."""
     doubt_time: Float[Array, "*batch"]
-    """When that happened, with status `grazing` or `guard_jumps`, which puts its derivatives in doubt (the last time,
-    if it happened more than once); nan for others."""
+    """When that happened, with status `grazing`, `guard_jumps` or `flow_jumps`, which puts its derivatives in doubt;
+    nan for others."""
     steps: Steps
     """How much work it took."""
     waiting: Bool[Array, "*batch guard"]

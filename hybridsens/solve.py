@@ -97,7 +97,7 @@ def solve(
     t0, t1 = (real_array(name, t, 0).astype(dtype) for name, t in (("t0", t0), ("t1", t1)))
     ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
     jump_ts = declared_jump_times(system, jump_ts, dtype)
-    check_mesh(system, x0, t0, t1, ts)
+    check_mesh(system, running_cost, x0, t0, t1, ts)
     written = system, x0  # what a message speaks of
     system, running_cost = in_type((system, running_cost), dtype)
     counts, cost = check_system(system, running_cost, t0, x0, mode)
@@ -116,7 +116,8 @@ def solve(
         adjoint.step_rtol,
     )  # fmt: skip
     if not adjoint.forward_mode:
-        system, x0, t0, t1, ts, jump_ts = reverse_only((system, x0, t0, t1, ts, jump_ts))
+        given = system, running_cost, x0, t0, t1, ts, jump_ts
+        system, running_cost, x0, t0, t1, ts, jump_ts = reverse_only(given)
     guards, first_mode = counts.guards, mode
     if written[0].located_discontinuities:
         system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))
@@ -126,7 +127,7 @@ def solve(
         solution = _solve(flat, x0, first_mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
     solution = eqx.tree_at(lambda s: s.events, solution, dataclasses.replace(solution.events, names=names))
     if throw == "nan":
-        solution = nan_unless_reached(solution, (system, x0, t0, t1, ts))
+        solution = nan_unless_reached(solution, (flat, x0, t0, t1, ts))
     elif throw:
         told = lambda solution: _shown_by_values(*written, (t0, t1, ts), solution)
         solution = raise_unless_successful(solution, told)

@@ -63,6 +63,12 @@ class Status(eqx.Module):
         "are not, since nothing tells how that place moves. Declare a time by `jump_ts`; for a place write a guard "
         "that falls there. Where no derivative is wanted, set `known_discontinuities = True`."
     )
+    flow_jumps = outcome(
+        "the motion reached its end, but its flow jumps where nothing tells of it, or changes within less than a step. "
+        "Values are right; derivatives are not, since that of the instant of the jump is missing. Make the jump an "
+        "event: by a guard, or by `located_discontinuities = True`, which locates comparisons; widen what is smooth "
+        "but steep, or tighten `rtol` and `atol`. Where no derivative is wanted, set `known_discontinuities = True`."
+    )
     event_repeats = outcome(
         "an event happened again at the instant at which it had just happened, and would for ever. Where switches "
         "chatter, set their thresholds apart. Where a motion slides along a threshold or a comparison, as dry friction "
@@ -120,11 +126,17 @@ class Status(eqx.Module):
     @property
     def reached_end(self) -> Bool[Array, "*batch"]:
         """Whether the motion is whole; one whose derivatives are not to be trusted is."""
-        return (self == Status.successful) | (self == Status.grazing) | (self == Status.guard_jumps)
+        return (self == Status.successful) | self.in_doubt
+
+    @property
+    def in_doubt(self) -> Bool[Array, "*batch"]:
+        """Whether the motion is whole, and its derivatives are not to be trusted."""
+        return (self == Status.grazing) | (self == Status.guard_jumps) | (self == Status.flow_jumps)
 
     def without_known_jumps(self, known: bool) -> "Status":
-        """The status, where jumps of guards may be `known` to do no harm."""
-        return Status.where(self == Status.guard_jumps, Status.successful, self) if known else self
+        """The status, where jumps may be `known` to do no harm."""
+        jumps = (self == Status.guard_jumps) | (self == Status.flow_jumps)
+        return Status.where(jumps, Status.successful, self) if known else self
 
     def __class_getitem__(cls, status: Any) -> str:
         if isinstance(status, Status):

@@ -33,7 +33,7 @@ class Entered:
 ENTERED = Entered()
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore:Tolerances below"),
+    pytest.mark.filterwarnings("ignore:An `rtol` below"),
     pytest.mark.filterwarnings("ignore:Data type alias"),  # NumPy's word on the text "a", which JAX takes for a type
 ]
 

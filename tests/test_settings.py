@@ -1,6 +1,7 @@
 """The settings of a simulation are one thing that every study takes."""
 
 import inspect
+import warnings
 
 import diffrax
 import jax
@@ -10,8 +11,10 @@ import pytest
 import hybridsens as hs
 from hybridsens.scenes import BouncingBall
 from hybridsens.settings import chosen_settings, given_numbers
+from tests.closeness import assert_close
 from tests.problems.balls import RestlessBall
 
+TOLERANCES = [(1e-5, 1e-11), (1e-8, 1e-14)]
 STUDIES = (hs.fit, hs.compare, hs.work_precision, hs.check_gradient)
 
 
@@ -62,5 +65,16 @@ def test_a_traced_tolerance_is_raised_to_what_single_precision_can_do():
 
 
 def test_only_single_precision_is_sent_to_double():
-    with pytest.warns(UserWarning, match="beyond float64 and are raised to it.$"):
+    with pytest.warns(UserWarning, match="beyond float64 and is raised to it.$"):
         given_numbers(1e-20, 1e-8, None, 0.0, jnp.dtype("float64"), ())
+
+
+@pytest.mark.parametrize("given", [float, jnp.asarray], ids=["numbers", "arrays"])
+def test_single_precision_keeps_the_size_below_which_a_state_does_not_count(given):
+    """atol / rtol, in the units of the state: a neuron in microvolts had 57 spikes for 9 without."""
+    finest, single = 16 * float(jnp.finfo(jnp.float32).eps), jnp.dtype("float32")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        kept, raised = (given_numbers(given(r), given(a), None, 0.0, single, ())[:2] for r, a in TOLERANCES)
+    assert_close(jnp.stack([*map(jnp.asarray, kept)]), jnp.array([1e-5, 1e-11]), 1e-6)
+    assert_close(jnp.stack([*map(jnp.asarray, raised)]), jnp.array([finest, finest * 1e-6]), 1e-6)

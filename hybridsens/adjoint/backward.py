@@ -27,7 +27,8 @@ def pull_back(
     says whether t0 and t1 are differentiated by.
 
     A sweep goes back through all segments. If the error of some step is then too large for the dJ/dtheta just found, a
-    second sweep, which cuts such steps, takes its place. Both share `most_tries`; out of tries, all is nan.
+    second sweep, which cuts such steps, takes its place. Both share `most_tries`; out of tries, all but the
+    derivative by t1 is nan.
     """
     system = backward.system
     t0_perturbed, t1_perturbed = perturbed_ends

@@ -68,7 +68,7 @@ class Replay(AbstractGradientMethod):
     segment_steps: int = eqx.field(default=1024, static=True)
 
     def __check_init__(self):
-        if not isinstance(self.segment_steps, int) or self.segment_steps < 1:
+        if not isinstance(self.segment_steps, int) or isinstance(self.segment_steps, bool) or self.segment_steps < 1:
             raise ValueError(f"`segment_steps` must be an integer >= 1, but is {self.segment_steps!r}.")
 
     def carry_back(self, step: RecordedStep, psi: Any) -> StepBack:

@@ -171,7 +171,7 @@ def _state_at(backward: BackwardPass, mode, is_start, start, t, x):
 
 
 def _carry_back(backward: BackwardPass, mode, t0, t1, x0, psi) -> StepBack:
-    """One step at. What it adds to dJ/dtheta is packed, because the error control then works on few arrays."""
+    """One step back. What it adds to dJ/dtheta is packed, because the error control then works on few arrays."""
     parameters, static = eqx.partition(backward.system, backward.step_parameter_mask)
     step = RecordedStep(parameters, static, mode, t0, t1, x0, backward.solver, backward.controlled)
     done = backward.adjoint.carry_back(step, psi)
@@ -204,7 +204,7 @@ def _add_data(backward: BackwardPass, here, psi, samples_left):
 
 def _judge(backward: BackwardPass, x, at: BackwardState, step: StepBack, h, width):
     """Whether a step back resolves what it carries, the longest step to try next, the size of psi and its largest."""
-    if step.psi_error is None:  # nothing is judged, and the size of psi is not asked for
+    if step.psi_error is None or step.total_error is None:  # nothing is judged, and the size of psi is not asked for
         return jnp.array(True), width, at.peak, at.peak
     control = backward.control
     ratio, size = control.of_costate(x, at.psi, step.psi, step.psi_error, at.peak)

@@ -14,6 +14,7 @@ from rich.table import Table
 from ..comparison.demo import Demonstration, demonstrate, relative_errors
 from ..export.names import contact_names
 from ..export.text import MOST_ROWS
+from ..mechanics.event_table import impulse_of
 from ..mechanics.mode import EventKind
 from ..mechanics.trajectory import Trajectory
 from ..plot import plot_gradients, plot_trajectory
@@ -74,7 +75,7 @@ def _events(motion: Trajectory | Solution) -> list[dict[str, Any]]:
     return [
         dict(
             time=time[j], kind=EventKind(int(events.kind[j])).name.lower(), contact=int(events.contact[j]),
-            closing_speed=float(events.closing_speed[j]), impulse=float(events.impulse[j, events.contact[j]]),
+            closing_speed=float(events.closing_speed[j]), impulse=impulse_of(events, j),
         )
         for j in range(n)
     ]  # fmt: skip
@@ -124,7 +125,7 @@ def _print_events(console: Console, scene: Any, motion: Trajectory | Solution) -
 
 
 def _print_gradients(console: Console, shown: Demonstration) -> None:
-    off = abs(shown.naive_cost - shown.cost) / abs(shown.cost)
+    off = float(relative_errors(np.asarray(shown.naive_cost), np.asarray(shown.cost)))
     print(f"J = int running_cost dt = {shown.cost:.10g} (naive loop: {shown.naive_cost:.6g}, off by {off:.1e})")
     print("dJ/dtheta, with errors relative to the largest entry of the differences:")
     table = Table(box=SIMPLE_HEAD, padding=0)  # columns are a place apart; names of 23 letters fit in

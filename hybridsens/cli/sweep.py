@@ -153,6 +153,6 @@ def _range(text: str) -> tuple[str, list[float]]:
         values = [float(part) for part in numbers.split(":")]
     except ValueError:
         values = []
-    if len(values) not in (2, 3) or (len(values) == 3 and (values[2] < 1 or values[2] != int(values[2]))):
+    if len(values) not in (2, 3) or (len(values) == 3 and (values[2] < 1 or not values[2].is_integer())):
         raise typer.BadParameter(f"{text!r} must have the form NAME=LOW:HIGH or NAME=LOW:HIGH:COUNT")
     return name.strip(), values

@@ -72,8 +72,8 @@ def find_causes(
 
     `resolved` has the parameters that are off the reference, and whether the steps resolve the derivative there.
     """
-    # Where a guard jumps there is no derivative that shorter steps would bring.
-    jumps = any(call.status == Status.guard_jumps for call in calls)
+    # Where a guard or the flow jumps there is no derivative that shorter steps would bring.
+    jumps = any(call.status == Status.guard_jumps or call.status == Status.flow_jumps for call in calls)
     is_nan = any(np.isnan((entry.adjoint, entry.forward)).any() for entry in parameters if entry.verdict)
     if is_nan and not jumps:
         found = [_no_derivative(parameters, events, n, call) for n, call in enumerate(calls)]
@@ -130,7 +130,7 @@ def _of_motion(doubts: Doubts, number: int, call: Call, settings) -> list[Cause]
     here = doubts._replace(events=tuple(entry for entry in doubts.events if entry.motion == number))
     if not any(here):
         return []
-    found = [_discontinuity(here, call), _at_data_time(here, number, call)]
+    found = [_discontinuity(here, call), _at_data_time(here, number, call), _at_jump_time(here, number, call)]
     if isinstance(call.events, Events):  # of contacts more is known
         found += [_simultaneous(here, number, call), _grazing(here, number, call, settings)]
     return [cause for cause in found if cause is not None]
@@ -140,6 +140,10 @@ def _discontinuity(doubts: Doubts, call: Call) -> Cause | None:
     if call.status == Status.guard_jumps:
         reason = "an event comes where its guard jumps below zero, and nothing tells how that place moves"
         return doubts.cause("discontinuity", reason, "write an event that falls at that place", doubts.events)
+    if not call.breaks and call.status == Status.flow_jumps:
+        reason = f"the flow jumps, or changes within less than a step, at t = {float(call.doubt_time):.6g}"
+        remedy = "make that an event, by a guard or by `located_discontinuities = True`, or widen what is steep"
+        return doubts.cause("discontinuity", reason, remedy, doubts.events)
     if not call.breaks:
         return None
     names = {b.function: [] for b in call.breaks}
@@ -173,19 +177,38 @@ def _simultaneous(doubts: Doubts, number: int, call: Call) -> Cause | None:
 
 def _at_data_time(doubts: Doubts, number: int, call: Call) -> Cause | None:
     """A state asked for at the instant of an impact jumps from one side to the other when a parameter moves."""
-    horizon = call.t0, call.t1
-    asked = np.concatenate([np.asarray(horizon), np.asarray(call.ts if call.ts is not None else [])])
-    times = np.asarray(call.events.time)[: int(call.events.count)]
+    asked = [call.t0, call.t1, *([] if call.ts is None else np.asarray(call.ts))]
+    met = _events_at(doubts, number, call, asked)
+    if met is None:
+        return None
+    reason = (
+        f"an event ({met[0]}) at a time at which the state is asked for or the horizon ends (t = {met[1]}): what is "
+        "asked for is before it or after it, for the least change"
+    )
+    return doubts.cause("event at a data time", reason, "move that time off the event, or leave that sample out")
+
+
+def _at_jump_time(doubts: Doubts, number: int, call: Call) -> Cause | None:
+    """An event at a declared jump time comes before it or after it when a parameter moves, with another derivative."""
+    met = None if call.jump_ts is None else _events_at(doubts, number, call, call.jump_ts)
+    if met is None:
+        return None
+    reason = (
+        f"an event ({met[0]}) at a declared jump time (t = {met[1]}): for the least change it comes before that time "
+        "or after it, so that a derivative holds on one side alone"
+    )
+    return doubts.cause("event at a jump time", reason, "move that time off the event, or take one-sided differences")
+
+
+def _events_at(doubts: Doubts, number: int, call: Call, asked) -> tuple[str, str] | None:
+    """Events at some of the times asked for, and these times, in words; None where there are none."""
+    asked, times = np.asarray(asked), np.asarray(call.events.time)[: int(call.events.count)]
     distance = np.abs(times[:, None] - asked)
     rows, columns = np.nonzero(distance <= NEAR * float(call.t1 - call.t0))
     if not doubts.parameters or rows.size == 0:
         return None
     instants = ", ".join(f"{t:.6g}" for t in sorted(set(asked[columns].tolist())))
-    reason = (
-        f"an event ({_labels(number, sorted(set(rows.tolist())))}) at a time at which the state is asked for or the "
-        f"horizon ends (t = {instants}): what is asked for is before it or after it, for the least change"
-    )
-    return doubts.cause("event at a data time", reason, "move that time off the event, or leave that sample out")
+    return _labels(number, sorted(set(rows.tolist()))), instants
 
 
 def _grazing(doubts: Doubts, number: int, call: Call, settings) -> Cause | None:

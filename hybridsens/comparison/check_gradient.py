@@ -17,7 +17,7 @@ from ..validation.arguments import real_tolerance
 from ..waiting import waiting
 from .check_causes import ParameterCheck, find_causes
 from .check_events import check_events
-from .check_motions import largest_state, on_sequence, value_with_calls
+from .check_motions import Call, largest_state, on_sequence, value_with_calls
 from .check_report import GradientCheck
 from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby
 from .functional import Cost, all_reached_end, choose_cost, raise_unless_reached_end
@@ -71,9 +71,9 @@ def _check(
     tell: Callable[[str], None],
 ) -> GradientCheck:  # fmt: skip
     """The check in the order of its tests; `tell` hears which one is being made."""
-    reverse = _gradient(parameters, cost, method, chosen)
+    reverse, reported = _gradient(parameters, cost, method, chosen)
     tell("compiling forward sensitivities")
-    forward = _gradient(parameters, cost, ForwardSensitivities(), chosen)
+    forward, _ = _gradient(parameters, cost, ForwardSensitivities(), chosen)
     tell("differences")
     value = value_with_calls(parameters, cost, chosen)
     J, calls = value(parameters.vector)
@@ -99,6 +99,7 @@ def _check(
     mechanical = [(number, call) for number, call in enumerate(calls) if knows_contacts(call)]
     events = [check for number, call in mechanical for check in check_events(number, call, tolerance, chosen)]
     tell("looking for causes")
+    calls = tuple(map(Call.differentiated, calls, reported.status, reported.doubt_time))
     off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, chosen, counts))
     return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, chosen))
 
@@ -133,7 +134,7 @@ def _off(entry: ParameterCheck, right: float, limit: float) -> bool:
 def _gradient(parameters: FlatParameters, cost: Cost, adjoint: AbstractGradientMethod, settings):
     _, gradient, reported = gradient_by(adjoint, parameters, cost, settings, QUICKLY)
     raise_unless_reached_end(reported)
-    return np.asarray(gradient)
+    return np.asarray(gradient), reported
 
 
 def _scale(vector, J: float, gradient):

@@ -1,5 +1,6 @@
 """The motions that a checked cost asked for, with what tells later why a gradient is in doubt."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -50,6 +51,12 @@ class Call(NamedTuple):
     breaks: tuple[BreakFound, ...]
     mode: tuple[Any, ...] = ()
     """The initial mode, if one was given."""
+    doubt_time: Any = math.nan
+    """When its derivatives came into doubt; nan where they are not."""
+
+    def differentiated(self, status: Status, doubt_time: Any) -> "Call":
+        """The same motion, with what is said of it where a derivative is taken."""
+        return self._replace(status=status, doubt_time=doubt_time)
 
 
 def value_with_calls(parameters: FlatParameters, cost: Cost, settings) -> Callable:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
 from ..parameters import flatten_parameters
 from ..solution import Solution
@@ -58,8 +59,14 @@ def demonstrate(scene: Any, *, tolerance: float = 1e-8, naive_steps: int = 20_00
     """Run a scene or a system, ready-made or one's own, and differentiate its functional by the jump adjoint, by
     differences and naively.
 
-    Raises: SimulationError if the motion does not reach its end; ValueError for a setting that `simulate` refuses.
+    Raises: SimulationError if the motion does not reach its end; ValueError for a setting that `simulate` refuses, and
+    for a scene with switches of its own.
     """
+    if has_switches(scene):
+        raise ValueError(
+            "demo compares with a loop that knows impacts alone, but the scene has switches of its own: use "
+            "`hybridsens check`, or `simulate`."
+        )
     ts = jnp.linspace(0.0, scene.t1, SAMPLES)
     trajectory = ready_made_motion(scene, move, ts=ts, rtol=tolerance, atol=tolerance)
     names, theta, unravel = flatten_parameters(scene)
@@ -92,8 +99,9 @@ def timed(function: Callable[[Any], Any], argument: Any, seconds: float = 0.3) -
 
 
 def relative_errors(values: Float[np.ndarray, "parameter"], truth: Float[np.ndarray, "parameter"]) -> np.ndarray:
-    """Errors relative to the largest entry of the truth."""
-    return np.abs(values - truth) / np.max(np.abs(truth))
+    """Errors relative to the largest entry of the truth, if that is not 0."""
+    largest = np.max(np.abs(truth))
+    return np.abs(values - truth) / (largest if largest > 0 else 1)
 
 
 def _cost(scene, **settings):

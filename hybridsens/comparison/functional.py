@@ -39,6 +39,8 @@ class Reported(NamedTuple):
     status: tuple[Status, ...]
     count: tuple[Int[Array, ""], ...]
     """Number of events."""
+    doubt_time: tuple[Float[Array, ""], ...]
+    """When its derivatives came into doubt; nan where they are not."""
 
 
 def move(model: Any, *start: Any, **settings: Any) -> Trajectory | Solution:
@@ -122,7 +124,8 @@ def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Ca
 
         J = _real_scalar(cost(parameters.rebuild(vector), recording))
         known = [motion for motion in motions if isinstance(motion, Trajectory | Solution)]
-        return J, Reported(tuple(m.status for m in known), tuple(m.events.count for m in known))
+        each = lambda what: tuple(map(what, known))
+        return J, Reported(each(lambda m: m.status), each(lambda m: m.events.count), each(lambda m: m.doubt_time))
 
     return value
 

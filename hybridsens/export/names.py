@@ -40,11 +40,10 @@ def must_differ(names: Sequence[str], what: str, where: str) -> None:
 
 def _rate(name: str) -> str:
     """The name of a velocity from that of its coordinate."""
-    found = re.fullmatch(r"(.*?)\s*\[(.*)\]", name)
-    if found is None:
+    what, unit = split_unit(name)
+    if unit is None:
         return f"{name} rate"
-    unit = "1/s" if found[2] in {"", "1"} else f"{found[2]}/s"
-    return f"{found[1]} rate [{unit}]"
+    return f"{what} rate [{'1/s' if unit in ('', '1') else f'{unit}/s'}]"
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
@@ -57,7 +56,7 @@ def unit_of_contact(scene: Any, unit: str) -> str:
     """What stands behind the name of a contact's number: " [m/s]", or "" where the scene's `coordinates` tell that it
     counts in other units, so that those of its gaps are not known."""
     given = getattr(scene, "coordinates", None) or ()
-    units = {found[1] for found in (re.search(r"\[(.*)\]$", str(name)) for name in given) if found}
+    units = {unit for _, unit in map(split_unit, map(str, given)) if unit is not None}
     return f" [{unit}]" if units <= {"m", "rad", "1", ""} else ""
 
 

@@ -72,7 +72,7 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         return h * _mean(self.tableau.b_error, 0.0, first, rises if last is None else [*rises, last - first])
 
     def advance(self, system, mode, t0, t1, y0):
-        """The state after one step and nothing else: what a recorded step is replayed with, inside of `by_mode`."""
+        """The state after one step by the whole flow, and nothing else: what a recorded step is replayed with."""
         h = t1 - t0
         first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None)
         return system.project(t1, y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), mode)

@@ -85,7 +85,7 @@ class EventRecord(eqx.Module):
     first_step: Float[Array, "event"]
     """Size of the step that was tried next after the event."""
     count: Int[Array, ""]
-    """How many events there were."""
+    """How many rows are used."""
     room: int = eqx.field(static=True)
     """How many events may be reported; rows of jump times and of silent events come beside them."""
 
@@ -172,7 +172,8 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
 
 
 def empty_steps(t, x, max_steps: int) -> StepRecord:
-    """A record that starts at (t, x). What is written beyond its room is lost, and counted all the same."""
+    """A record that starts at (t, x). What is written beyond its room falls on the last row, and is
+    counted all the same."""
     t, x = lax.optimization_barrier((t, x))  # or XLA fills a long record while it compiles, where t is a constant
     times = jnp.full(max_steps + 2, jnp.inf, t.dtype).at[0].set(t)
     states = jnp.zeros((max_steps + 2, x.shape[0]), x.dtype).at[0].set(x)

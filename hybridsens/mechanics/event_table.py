@@ -24,7 +24,7 @@ def event_rows(events: Any):
         kind = EventKind(int(events.kind[j])).name.lower()
         yield [
             str(j), f"{float(events.time[j]):.9f}", kind, names[j], f"{float(events.closing_speed[j]):.6g}",
-            f"{_impulse(events, j):.6g}", _after(events, j),
+            f"{impulse_of(events, j):.6g}", _after(events, j),
         ]  # fmt: skip
 
 
@@ -44,7 +44,7 @@ def event_table(events: Any):
         after, speed = _after(events, j), float(events.closing_speed[j])
         return (
             f"{j:>5} {float(events.time[j]):>14.9f} {kind:>8} {names[j]:>{wide}} {speed:>14.6g} "
-            f"{_impulse(events, j):>12.6g}  {after}{' *' if events.order_matters[j] else ''}"
+            f"{impulse_of(events, j):>12.6g}  {after}{' *' if events.order_matters[j] else ''}"
         )
 
     yield from rows_shown(count, row)
@@ -64,7 +64,7 @@ def _contacts(events: Any) -> list[str]:
     return [str(of(j)) if switch(j) else names[of(j)] for j in range(int(events.count))]
 
 
-def _impulse(events: Any, j: int) -> float:
+def impulse_of(events: Any, j: int) -> float:
     """Impulse of the contact that an event is of; 0 at a switch."""
     return 0.0 if events.kind[j] == EventKind.SWITCH else float(events.impulse[j, int(events.contact[j])])
 

@@ -80,7 +80,7 @@ class Trajectory(eqx.Module):
     cost: Any
     """Integral of the running cost, with its structure; None without one."""
     events: Events
-    """Impacts, captures and releases, in the order of time."""
+    """Impacts, captures, releases and switches, in the order of time."""
     mode: Bool[Array, "*batch contact"]
     """Contacts held closed at the end."""
     status: Status
@@ -88,8 +88,8 @@ class Trajectory(eqx.Module):
     end_time: Float[Array, "*batch"]
     """When it ended [s]: t1, or where it broke off, which derivatives hold fixed."""
     doubt_time: Float[Array, "*batch"]
-    """When that happened, with status `grazing` or `guard_jumps`, which puts its derivatives in doubt [s] (the last
-    time, if it happened more than once); nan for others."""
+    """When that happened, with status `grazing`, `guard_jumps` or `flow_jumps`, which puts its derivatives in doubt
+    [s]; nan for others."""
     steps: Steps
     """How much work it took."""
     scene_mode: Any = None
@@ -122,7 +122,7 @@ class Trajectory(eqx.Module):
         """d(cost) / d(state) for the motion that begins at each sample and ends where this one does: the costate.
 
         `cost` is a scalar function of a trajectory. A sample at the end, where nothing follows, is nan.
-        Raises: ValueError as `evaluate`, and without samples."""
+        Raises: ValueError as `evaluate`. The motion must have samples."""
         again = self._known_again("the costate")
         assert self.ts is not None and self.q is not None and self.v is not None
         t1 = again.keywords["t1"]

@@ -155,7 +155,7 @@ def plot_phase(
 
 
 def _draw_jumps(axes: Axes, trajectory: Trajectory, number: int) -> None:
-    """Dots at both ends of every impact."""
+    """Triangles at both ends of every impact."""
     n = int(trajectory.events.count)
     impacts = np.isin(np.asarray(trajectory.events.kind[:n]), (EventKind.IMPACT, EventKind.CAPTURE))
     before, after = trajectory.events.before, trajectory.events.after

@@ -148,7 +148,7 @@ def test_a_body_that_almost_rests_comes_to_rest(gap, speed):
     assert trajectory.status == hs.Status.successful and bool(trajectory.mode[0])
 
 
-@pytest.mark.filterwarnings("ignore:Tolerances below")
+@pytest.mark.filterwarnings("ignore:An `rtol` below")
 @pytest.mark.parametrize("e", [0.5, 0.8, 0.9])
 def test_single_precision_reaches_its_own_accuracy(e):
     """In float32 the ball misses no impact and rests; cost and gradient by e are right to 3e-6."""

@@ -89,7 +89,7 @@ def test_an_error_that_is_not_known_is_on_no_front():
 
 def test_a_gradient_that_is_nan_is_a_failure(reference):
     """Its motion is whole, so nothing else tells of it."""
-    reached = Reported((), ())
+    reached = Reported((), (), ())
     with pytest.raises(FloatingPointError, match="not finite"):
         work_precision_module._measure(lambda: (1.0, np.array([np.nan]), reached), reference)
 

@@ -44,7 +44,7 @@ def test_it_is_made(start, back):
     ("dtype", "start", "back"),
     [(float, 1e9, 1e-2), (float, 1e12, 1e-4), (float, 1e12, 0.5), (np.float32, 1e4, 0.1), (np.float32, 1e5, 0.5)],
 )
-@pytest.mark.filterwarnings("ignore:Tolerances below")
+@pytest.mark.filterwarnings("ignore:An `rtol` below")
 def test_what_rounding_of_the_start_hides_is_told(dtype, start, back):
     """It was taken for a section that is passed: one event, value and gradient wrong, without a word."""
     assert refilled(jnp.asarray(start, dtype), jnp.asarray(back, dtype))[2] == hs.Status.reset_unclear

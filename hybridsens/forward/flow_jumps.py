@@ -1,0 +1,73 @@
+"""Jumps of the flow that no event and no declared time tells of, found in the steps that a motion has taken.
+
+The error control comes over such a jump by a step so short that it hardly matters to the state. It matters to every
+derivative: that of the instant at which the motion meets the jump is missing. The same holds for what is smooth, and
+changes within less than that step.
+"""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Int
+
+from ..flat_system import AbstractFlatSystem
+from ..status import Status
+from .record import Motion, segment, segment_end, segment_mode
+
+SHORT = 0.05
+"""Steps longer than this part of the mean one are not looked at: they resolve what they pass."""
+CHANGE = 1e-3
+"""The flow must change by this part of itself; and the state, by what has changed, within the step by `NOISE`
+roundings."""
+NOISE = 1e3
+EXPLAINED = 0.3
+"""What the rates at both ends explain of the change must be less than this part. Where a step resolves the flow, what
+happens inside of it shows at one of its ends."""
+
+
+def told_of_flow_jumps(system: AbstractFlatSystem, least_state: Any, motion: Motion) -> Motion:
+    """The motion, in doubt where its flow jumps by the state inside of a step. (A jump by the time alone takes nothing
+    from the derivative by the state.) Entries of the state below `least_state` are not looked at by its tolerances.
+
+    Only steps much shorter than the others are looked at: most motions have none but beside their events."""
+    times, count = motion.steps.t, motion.steps.count
+    short = SHORT * (motion.t - times[0]) / jnp.maximum(count, 1)
+
+    def next_short(k):
+        is_long = lambda k: (k < count) & (times[k + 1] - times[k] > short)
+        return lax.while_loop(is_long, lambda k: k + 1, k)
+
+    def look(carry):
+        k, _ = carry
+        found = _jumps_inside(system, least_state, motion, k)
+        return jnp.where(found, k, next_short(k + 1)), found
+
+    k, found = lax.while_loop(lambda c: (c[0] < count) & ~c[1], look, (next_short(jnp.array(0)), jnp.array(False)))
+    whole = motion.status == Status.successful
+    doubt = motion.doubt.also(found & whole, Status.flow_jumps, times[k])
+    status = Status.where(found & whole, Status.flow_jumps, motion.status)
+    return dataclasses.replace(motion, doubt=doubt, status=status)
+
+
+def _jumps_inside(system: AbstractFlatSystem, least_state, motion: Motion, k: Int[Array, ""]) -> Bool[Array, ""]:
+    """Whether the flow jumps by the state inside of step k."""
+    events, steps = motion.events, motion.steps
+    j = jnp.sum((events.steps <= k) & (jnp.arange(events.steps.shape[0]) < events.count))
+    mode, (_, _, end) = segment_mode(motion, j), segment(motion, j)
+    ends_segment = k + 1 == end
+    place = jnp.minimum(j, events.steps.shape[0] - 1)
+    at_end = jnp.where(j < events.count, events.states.before[place], motion.x)
+    t0, x0 = steps.t[k], steps.x[k]
+    t1 = jnp.where(ends_segment, segment_end(motion, j), steps.t[k + 1])
+    x1 = jnp.where(ends_segment, at_end, steps.x[k + 1])
+    flow = lambda x: system.flow(t1, x, mode)
+    before, explained0 = jax.jvp(flow, (x0,), (x1 - x0,))
+    after, explained1 = jax.jvp(flow, (x1,), (x1 - x0,))
+    change, largest = jnp.abs(after - before), jnp.maximum(jnp.abs(before), jnp.abs(after))
+    rounding = NOISE * jnp.finfo(x0.dtype).eps * (jnp.abs(x1) + least_state)
+    matters = (change >= CHANGE * largest) & (change * (t1 - t0) >= rounding)
+    unexplained = EXPLAINED * change > jnp.maximum(jnp.abs(explained0), jnp.abs(explained1))
+    return jnp.any(matters & unexplained)
