@@ -19,8 +19,9 @@ REMEDIES = {
     "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the system.",
     "guards": "For the first of several guards write one guard for each, and for a comparison in a guard what is "
     "compared, `place - x`; or set `located_discontinuities = True` in the system.",
-    "state": "For a jump in x set `located_discontinuities = True` in the system, which makes comparisons events; or "
-    "write a guard that falls there, and a mode that its transition changes.",
+    "state": "For a jump in x set `located_discontinuities = True` in the system, which makes comparisons events (a "
+    "cast to integers is not made one: write `jnp.floor`); or write a guard that falls there, and a mode that its "
+    "transition changes.",
 }
 
 

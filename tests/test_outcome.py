@@ -173,6 +173,16 @@ def test_a_touch_that_may_be_a_miss_is_told_with_its_time():
     assert jnp.isnan(swing(throw=False, max_steps=24).doubt_time)  # it broke off later
 
 
+def test_what_a_motion_of_a_system_could_not_begin_with_is_nan():
+    """Also what the running cost holds, and the times that are declared: an optimiser takes a 0 for the end."""
+
+    def J(weight, time, t1):
+        running = lambda system, t, x, mode: weight * x
+        return hs.solve(Sawtooth(W, W), 1.0, t1=t1, jump_ts=time[None], running_cost=running, throw="nan", **ROOM).cost
+
+    assert jnp.isnan(jnp.stack(jax.grad(J, (0, 1))(jnp.array(1.0), jnp.array(0.1), jnp.array(-1.0)))).all()
+
+
 @pytest.mark.slow
 def test_the_error_tells_how_many_of_the_steps_were_kept():
     """Of a batch there is one message for all, without numbers."""

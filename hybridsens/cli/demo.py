@@ -125,7 +125,7 @@ def _print_events(console: Console, scene: Any, motion: Trajectory | Solution) -
 
 
 def _print_gradients(console: Console, shown: Demonstration) -> None:
-    off = float(relative_errors(np.asarray(shown.naive_cost), np.asarray(shown.cost)))
+    (off,) = relative_errors(np.array([shown.naive_cost]), np.array([shown.cost]))
     print(f"J = int running_cost dt = {shown.cost:.10g} (naive loop: {shown.naive_cost:.6g}, off by {off:.1e})")
     print("dJ/dtheta, with errors relative to the largest entry of the differences:")
     table = Table(box=SIMPLE_HEAD, padding=0)  # columns are a place apart; names of 23 letters fit in

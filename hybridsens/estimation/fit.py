@@ -17,7 +17,7 @@ from ..validation.asked import kind_of
 from ..waiting import waiting
 from . import prepare
 from .assemble import build_result
-from .data import Measurements
+from .data import Measurements, measurements
 from .descend import INTERRUPTED, Callbacks, GuessFailed, Iteration, Limits, Run, descend
 from .growing import Growing
 from .horizon import GrowingHorizon
@@ -105,6 +105,7 @@ def fit(
     """
     if not isinstance(scene, AbstractScene | AbstractHybridSystem):
         raise TypeError(f"`scene` must be a scene or a system, and come before the data, but is {kind_of(scene)}.")
+    _must_not_be_of_data(settings)
     measured = read_measurements(data)
     check_limits(max_iterations, patience)
     check_robust(robust, measured)
@@ -146,6 +147,16 @@ def _best(losses: Array) -> Array:
             f"At least one of the {losses.size} starts must have a motion that reaches its end, but none has."
         )
     return jnp.argmin(losses)
+
+
+def _must_not_be_of_data(settings: Mapping[str, Any]) -> None:
+    """Raise TypeError for what belongs to the measurements."""
+    of_data = [name for name in inspect.signature(measurements).parameters if name in settings]
+    if of_data:
+        raise TypeError(
+            f"`fit` must be given {', '.join(of_data)} with the data: "
+            f"fit(scene, read_measurements(data, {of_data[0]}=...)), or `measurements` for arrays."
+        )
 
 
 def _own_arguments() -> tuple[str, ...]:

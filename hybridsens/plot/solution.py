@@ -14,6 +14,9 @@ from .figure import ABOVE, LINES, new_figure, solution_times, whole_ticks
 MOST = 8
 """Entries of one leaf that are drawn."""
 
+MOST_NAMES = 16
+"""Rows of events that are named."""
+
 FEW = 3
 """Numbers in the mode that never exceed this share a panel: a counter among them would flatten the others."""
 
@@ -118,6 +121,7 @@ def _draw_events(axes: Axes, solution: Solution) -> None:
     numbers = sorted(set(guard.tolist()))
     for row, number in enumerate(numbers):
         axes.vlines(time[guard == number], row - 0.4, row + 0.4, color="black", linewidth=0.9)
-    axes.set_yticks(range(len(numbers)), [solution.events.name(number) for number in numbers])
+    every = -(-len(numbers) // MOST_NAMES)  # names of more rows would lie on one another
+    axes.set_yticks(range(0, len(numbers), every), [solution.events.name(number) for number in numbers[::every]])
     axes.set_ylim(max(len(numbers), 1) - 0.4, -0.6)
     axes.set_ylabel("event")

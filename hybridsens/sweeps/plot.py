@@ -27,7 +27,8 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     """
     dims = dataset.J.dims
     if len(dims) != 2 or any(dim not in dataset.coords for dim in dims):
-        raise ValueError(f"A map must have a grid of two parameters, but the points have the dimensions {dims}.")
+        one = ": over one parameter draw `dataset.J.plot()`, or `plot_bifurcation`" if len(dims) == 1 else ""
+        raise ValueError(f"A map must have a grid of two parameters, but the points have the dimensions {dims}{one}.")
     dataset = dataset.sortby(list(dims))  # the cells of a map lie beside each other
     maps = {"J": dataset.J}
     derivatives = gradients(dataset)
@@ -136,7 +137,7 @@ def plot_bifurcation(
     failed = dataset[parameter].values[values.isnull().all("sample").values]
     if failed.size:
         at_the_foot = {"transform": axes.get_xaxis_transform(), "clip_on": False}
-        axes.plot(failed, np.zeros(failed.size), "x", color="#c8553d", label="no motion", **at_the_foot)
+        axes.plot(failed, np.zeros(failed.size), "x", color="#c8553d", label="failed", **at_the_foot)
         axes.legend(**ABOVE)
     axes.set_xlabel(_label(dataset[parameter]))
     axes.set_ylabel(f"{state}[{component}] once a period")

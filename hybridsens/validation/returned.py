@@ -37,7 +37,7 @@ def _returned(asked: Asked, arguments, describe: Callable) -> Any:
     found = []
 
     def call(function, *arguments):
-        with _told(asked, f"Raised by `{asked.name}`, which must return real numbers.{_of_state(asked, arguments)}"):
+        with _told(asked, ", which must return real numbers", arguments):
             out = asked.call(function, *arguments)
         found.append(describe(out))
 
@@ -46,7 +46,7 @@ def _returned(asked: Asked, arguments, describe: Callable) -> Any:
 
 
 @contextlib.contextmanager
-def _told(asked: Asked, note: str) -> Iterator[None]:
+def _told(asked: Asked, role: str, arguments: tuple) -> Iterator[None]:
     """While a function is traced: how to write one that JAX cannot trace, and a note to all else that it raises."""
     try:
         yield
@@ -57,7 +57,7 @@ def _told(asked: Asked, note: str) -> Iterator[None]:
             "NumPy and math, and jnp.where or jax.lax.cond in place of `if`."
         ) from error
     except Exception as error:
-        error.add_note(note)
+        error.add_note(f"Raised by `{asked.name}`{role}.{_of_state(asked, arguments, str(error))}")
         raise
 
 
@@ -99,14 +99,14 @@ def outcome(asked: Asked, *arguments) -> Any:
 
     Raises: TypeError where it takes other arguments, or JAX cannot trace it; what it raises itself goes on, with a note
     that names it."""
-    with _told(asked, f"Raised by `{asked.name}` of the system.{_of_state(asked, arguments)}"):
+    with _told(asked, " of the system", arguments):
         return eqx.filter_eval_shape(asked.call, asked.function, *arguments)
 
 
-def _of_state(asked: Asked, arguments) -> str:
+def _of_state(asked: Asked, arguments, error: str) -> str:
     """What may be wrong with the state or the mode that a function of a system was given, in lines of a note."""
     given, note = dict(zip(asked.arguments, arguments, strict=False)), ""
-    if "mode" in given and given["mode"] is None:
+    if "mode" in given and given["mode"] is None and "None" in error:
         own = ", that of `initial_mode()`" if hasattr(asked.owner, "initial_mode") else ""
         note += f"\nIts `mode` is None, as none was given: give the initial mode as the argument `mode`{own}."
     if "x" in given and (row := _row_in(given["x"])):

@@ -199,3 +199,10 @@ def test_a_store_is_there_after_a_fit_that_had_nothing_to_do(starts, tmp_path):
     path = tmp_path / "best.json"
     fit(GUESS, RECORD, store=path, starts=starts, parameters="slope", max_events=4, max_steps=64)
     assert json.loads(path.read_text())["values"]["slope"] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("name", ["sigma", "event_times"])
+def test_what_belongs_to_the_data_is_sent_there(name):
+    told = rf"`fit` must be given {name} with the data: .*read_measurements\(data, {name}="
+    with pytest.raises(TypeError, match=told):
+        fit(GUESS, RECORD, **{name: 0.1})

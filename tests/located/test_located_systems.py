@@ -23,13 +23,17 @@ def test_a_force_that_jumps_has_the_motion_and_the_gradient_of_a_mode():
     np.testing.assert_allclose(solution.events.before["q"][:3], 0.3, atol=1e-9)
 
 
-def test_without_it_the_gradient_is_another_and_a_warning_says_so():
+def test_without_it_the_gradient_is_another_and_says_so():
+    """By a warning from the trace, and by the status of the motion whose derivative is taken."""
+
     class Plain(Spring):
         located_discontinuities = False
 
-    cost = lambda system: moved(system).final["q"]
+    cost = lambda system, **given: moved(system, **given).final["q"]
     with pytest.warns(hybridsens.DiscontinuityWarning, match="located_discontinuities"):
-        plain = eqx.filter_grad(cost)(Plain(4.0, -1.0, 0.3))
+        plain = eqx.filter_grad(cost)(Plain(4.0, -1.0, 0.3), throw=False)
+        with pytest.raises(hybridsens.SimulationError, match="flow_jumps"):
+            eqx.filter_grad(cost)(Plain(4.0, -1.0, 0.3))
     assert abs(plain.place - eqx.filter_grad(cost)(Spring(4.0, -1.0, 0.3)).place) > 0.1
 
 
