@@ -50,7 +50,7 @@ MAY_IMPORT = {
     "scenes": {"mechanics"},
     "systems": {"system"},
     "planar": set(),
-    "plot": {"mechanics", "export", "outcome", "solution"},
+    "plot": {"mechanics", "numerics", "export", "outcome", "solution"},
     "parameters": {"validation"},
     "comparison": CORE,
     "estimation": CORE,

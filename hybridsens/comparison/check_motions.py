@@ -30,7 +30,6 @@ class BreakFound(NamedTuple):
     operation: str
     inputs: str
     """Which of t, q, v or t, x its place depends on, as in "tq"."""
-    jump: bool
 
 
 class Call(NamedTuple):
@@ -123,4 +122,4 @@ def _undeclared_breaks(model, state, mode, t0, jump_ts, running_cost) -> tuple[B
 
 
 def _break_found(function: str, b: Break) -> BreakFound:
-    return BreakFound(function, b.operation, "".join(name for name in "tqvx" if name in b.inputs), b.jump)
+    return BreakFound(function, b.operation, "".join(name for name in "tqvx" if name in b.inputs))

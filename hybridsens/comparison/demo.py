@@ -22,6 +22,9 @@ from .functional import move, ready_made_motion
 REFERENCE_TOLERANCE = 1e-12
 """Of the motions that differences are taken of: they divide the noise of step selection by their width."""
 SAMPLES = 2001
+NAIVE_STEPS = 20_000
+SECONDS = 0.3
+"""For so long a program is timed, at least."""
 
 
 class Timing(NamedTuple):
@@ -55,7 +58,7 @@ class Demonstration(NamedTuple):
     """By what was run."""
 
 
-def demonstrate(scene: Any, *, tolerance: float = 1e-8, naive_steps: int = 20_000) -> Demonstration:
+def demonstrate(scene: Any, *, tolerance: float = 1e-8) -> Demonstration:
     """Run a scene or a system, ready-made or one's own, and differentiate its functional by the jump adjoint, by
     differences and naively.
 
@@ -72,7 +75,7 @@ def demonstrate(scene: Any, *, tolerance: float = 1e-8, naive_steps: int = 20_00
     names, theta, unravel = flatten_parameters(scene)
     cost = lambda theta: _cost(unravel(theta), rtol=tolerance, atol=tolerance)
     tight = lambda theta: _cost(unravel(theta), rtol=REFERENCE_TOLERANCE, atol=REFERENCE_TOLERANCE, max_steps=2**16)
-    naive = lambda theta: _naive_cost(unravel(theta), naive_steps)
+    naive = lambda theta: _naive_cost(unravel(theta), NAIVE_STEPS)
     _, motion_time = timed(cost, theta)
     (value, adjoint), adjoint_time = timed(jax.value_and_grad(cost), theta)
     (naive_value, naive_gradient), naive_time = timed(jax.value_and_grad(naive), theta)
@@ -80,18 +83,18 @@ def demonstrate(scene: Any, *, tolerance: float = 1e-8, naive_steps: int = 20_00
     return Demonstration(
         trajectory, list(names), np.asarray(theta), float(value), float(naive_value),
         np.asarray(adjoint), slopes, one_sided, np.asarray(naive_gradient),
-        {"motion": motion_time, "motion and gradient": adjoint_time, f"naive gradient, {naive_steps} steps": naive_time}
+        {"motion": motion_time, "motion and gradient": adjoint_time, f"naive gradient, {NAIVE_STEPS} steps": naive_time}
     )  # fmt: skip
 
 
-def timed(function: Callable[[Any], Any], argument: Any, seconds: float = 0.3) -> tuple[Any, Timing]:
+def timed(function: Callable[[Any], Any], argument: Any) -> tuple[Any, Timing]:
     """Value of a function of one argument, with the time that compiling it took and the median time of a call."""
     start = time.perf_counter()
     compiled = jax.jit(function).lower(argument).compile()
     compile_time = time.perf_counter() - start
     value = jax.block_until_ready(compiled(argument))
     calls: list[float] = []
-    while sum(calls) < seconds:
+    while sum(calls) < SECONDS:
         start = time.perf_counter()
         jax.block_until_ready(compiled(argument))
         calls.append(time.perf_counter() - start)

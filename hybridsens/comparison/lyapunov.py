@@ -3,11 +3,14 @@
 from typing import Any, NamedTuple
 
 import jax
+import jax.core
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..adjoint.methods import ForwardSensitivities
+from ..export.text import array_text, preformatted
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
@@ -29,6 +32,17 @@ class Growth(NamedTuple):
     S_N ... S_2 S_1."""
     trajectory: Trajectory | Solution
 
+    _repr_html_ = preformatted  # what a notebook shows
+
+    def __str__(self) -> str:
+        if np.ndim(self.growth) > 0 or isinstance(self.growth, jax.core.Tracer):
+            return repr(self)
+        status, events = self.trajectory.status, self.trajectory.events.count
+        return (
+            f"exponent {float(self.exponent):.6g}: a variation of the initial state grows {float(self.growth):.6g} "
+            f"times, at most\nmatrix:\n{array_text(self.matrix)}\nmotion: {status}, {int(events)} events"
+        )
+
 
 def lyapunov(
     scene: AbstractScene | AbstractHybridSystem,
@@ -43,7 +57,9 @@ def lyapunov(
 
     A gradient is right as long as its motion is; but where `growth` times the tolerance reaches the size of the motion
     itself, motion and gradient are those of another initial state. Divide `rtol` and `atol` by `growth`, or shorten the
-    horizon. The units of the entries are mixed in the singular value, so compare growths of one scene.
+    horizon. The units of the entries are mixed in the singular value, so compare growths of one scene. Over a short
+    horizon the exponent of a stable motion may be positive: the growth by a constant factor fades as 1 / (t1 - t0).
+    Compare two horizons, or divide the growths of both.
 
     Arguments: a scene and its `State`, or a hybrid system and its x0; the mode of a system or of a scene with
     switches; the `settings` of `simulate` or `solve` but `adjoint` and `running_cost`. Raises what these raise.

@@ -6,15 +6,18 @@ from collections.abc import Callable
 
 import jax
 
+SHORTEST = 0.01
+"""Seconds: calls are timed together until they take as long."""
 
-def seconds_per_call(call: Callable, *, repeats: int = 5, shortest: float = 0.01) -> float:
-    """Time of one call [s]: the least of `repeats` means over at least `shortest` seconds each.
+
+def seconds_per_call(call: Callable, *, repeats: int = 5) -> float:
+    """Time of one call [s]: the least of `repeats` means over at least `SHORTEST` seconds each.
 
     The least, because whatever else the machine does can only make it longer.
     """
     start = time.perf_counter()
     jax.block_until_ready(call())
-    calls = max(1, int(shortest / (time.perf_counter() - start)))
+    calls = max(1, int(SHORTEST / (time.perf_counter() - start)))
     samples = []
     for _ in range(repeats):
         start = time.perf_counter()

@@ -61,7 +61,7 @@ def _add_legend(figure: Figure, handles: list, labels: list[str]) -> None:
 def _lines(axes: Axes, study: "WorkPrecision", error: str) -> None:
     groups: dict[tuple[str, str, str], list[Point]] = {}
     for point in study.points:
-        if not point.failure:
+        if not point.failure and not point.is_reference:  # the error of that one is not known
             groups.setdefault((point.solver, point.method, point.dtype), []).append(point)
     if not groups:
         return

@@ -41,6 +41,11 @@ class Point(NamedTuple):
         single = ", float32" if self.dtype == "float32" else ""
         return f"{self.solver}, rtol {self.tolerance:.0e}, {self.method}{single}"
 
+    @property
+    def is_reference(self) -> bool:
+        """Whether it is the very run that errors are measured against, so that it has none."""
+        return self.value_error == 0 and self.gradient_error == 0
+
 
 class WorkPrecision(NamedTuple):
     """Points of a study. Print it, ask it to `recommend`, or draw it (`hybridsens.plot_work_precision`)."""
@@ -55,9 +60,11 @@ class WorkPrecision(NamedTuple):
     """Why the reference's gradient is not to be trusted, and no error of a gradient; empty where it is."""
 
     def pareto(self, error: str = "gradient_error") -> list[Point]:
-        """Points that no other point beats in both time and error, the fastest first."""
+        """Points that no other point beats in both time and error, the fastest first. The reference's own run, whose
+        error is not known, is none."""
         front: list[Point] = []
-        known = [point for point in self.points if not (point.failure or np.isnan(getattr(point, error)))]
+        measured = lambda point: not (point.failure or point.is_reference or np.isnan(getattr(point, error)))
+        known = list(filter(measured, self.points))
         for point in sorted(known, key=lambda point: (point.seconds, getattr(point, error))):
             if not front or getattr(point, error) < getattr(front[-1], error):
                 front.append(point)
@@ -75,7 +82,9 @@ class WorkPrecision(NamedTuple):
         width = max([len(point.label) for point in self.points], default=0) + 2
         lines = [f"{'':2}{'setting':{width}}{'value err':>11}{'gradient err':>13}{'time':>12}"]
         for point in self.points:
-            numbers = f"{point.value_error:>11.1e}{point.gradient_error:>13.1e}{1e3 * point.seconds:>9.3f} ms"
+            errors = f"{point.value_error:>11.1e}{point.gradient_error:>13.1e}"
+            errors = f"{'(the reference)':>24}" if point.is_reference else errors
+            numbers = f"{errors}{1e3 * point.seconds:>9.3f} ms"
             mark = "* " if point in front else "  "
             lines.append(f"{mark}{point.label:{width}}" + (f"  failed: {point.failure}" if point.failure else numbers))
         lines += [f"  (no {t} below {finest_tolerance(t):.1e}: it cannot meet such tolerances)" for t in self.beyond]

@@ -10,7 +10,7 @@ from ..export.names import contact_names
 from ..solution import SolutionEvents
 from ..system import AbstractHybridSystem
 from .cells import rows_told
-from .descend import UNFINISHED, EventSequence
+from .descend import UNFINISHED, WHOLE, EventSequence
 
 _BARELY = 0.9
 """Residuals larger than this part of the data's spread leave less than a fifth of its variance to the model."""
@@ -65,7 +65,9 @@ def _count(number: int, of: str) -> str:
 def _way(result: Any) -> str:
     """How many iterations it took, and from where to where; of several starts, that of the best of them."""
     if result.starts is None:
-        return f"{_count(result.iterations, 'iteration')}: loss {result.history[0].loss:.6g} -> {result.loss:.6g}"
+        first = result.history[0]  # of a growing horizon its loss is that of the beginning of the record alone
+        before = f"{first.loss:.6g} -> " if first.stage == WHOLE else ""
+        return f"{_count(result.iterations, 'iteration')}: loss {before}{result.loss:.6g}"
     took = int(result.starts.iterations[np.argmin(result.starts.loss)])
     return f"{_count(took, 'iteration')} from the best start and {result.iterations} more: loss {result.loss:.6g}"
 
@@ -163,7 +165,8 @@ def _unexplained(result: Any) -> Iterator[str]:
         if size > _BARELY * spread > 0:
             yield (
                 f"residuals of {name} are as large ({size:.3g}) as the data's spread ({spread:.3g}): the model tells "
-                "hardly more than a constant. Look at the units, at the columns and at the guess"
+                "hardly more than a constant. Look at the units, at the columns and at the guess; or follow the record "
+                "from its beginning in small steps, `strategy=GrowingHorizon(first=0.1, trust=0.25, steps=3)`"
             )
 
 

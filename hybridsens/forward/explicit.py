@@ -61,11 +61,16 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
         """The new state, its error, and the last stage; `first` is the first stage, None where it is not known.
 
         Stages k_i are handed on as the first one, k_0, and the `rises` k_i - k_0 of the others (see `_mean`)."""
+        moved_to, first, rises = self._moved(system, mode, t0, t1, y0, first)
+        y1, moved = system.project_with_error(t1, moved_to, mode)
+        last = system.flow(t1, y1, mode) if self.tableau.fsal else None
+        return y1, self._error(t1 - t0, first, rises, last) + moved, last
+
+    def _moved(self, system, mode, t0, t1, y0, first=None):
+        """The state after one step before it is projected, k_0, and the rises of the other stages."""
         h = t1 - t0
         first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, first)
-        y1, moved = system.project_with_error(t1, y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), mode)
-        last = system.flow(t1, y1, mode) if self.tableau.fsal else None
-        return y1, self._error(h, first, rises, last) + moved, last
+        return y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), first, rises
 
     def _error(self, h, first, rises, last):
         """h sum_i (b_i - b^_i) k_i of the embedded pair."""
@@ -73,18 +78,14 @@ class ExplicitRungeKutta(diffrax.AbstractSolver):
 
     def advance(self, system, mode, t0, t1, y0):
         """The state after one step by the whole flow, and nothing else: what a recorded step is replayed with."""
-        h = t1 - t0
-        first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None)
-        return system.project(t1, y0 + h * _mean(_weights(self.tableau), 1.0, first, rises), mode)
+        return system.project(t1, self._moved(system, mode, t0, t1, y0)[0], mode)
 
     def advance_with_error(self, system, mode, t0, t1, y0):
         """The state after one step before it is projected, and its error: what a step is differentiated by, inside of
         `by_mode`."""
-        h = t1 - t0
-        first, rises = self._stages(lambda c, y: system.flow(t0 + c * h, y, mode), y0, h, None)
-        y1 = y0 + h * _mean(_weights(self.tableau), 1.0, first, rises)
+        y1, first, rises = self._moved(system, mode, t0, t1, y0)
         last = system.flow(t1, y1, mode) if self.tableau.fsal else None
-        return y1, self._error(h, first, rises, last)
+        return y1, self._error(t1 - t0, first, rises, last)
 
     def points(self, f, y0, h):
         """The states X_i (stage, state) at which a step evaluates the flow f(c, X), and the state after it: what the

@@ -7,10 +7,10 @@ from matplotlib.figure import Figure
 
 from ..export.names import contact_names, unit_of_contact
 from ..mechanics.flow import multipliers
-from ..mechanics.mode import closeness
 from ..mechanics.scene import AbstractScene
 from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
+from ..numerics.tolerances import closeness
 from .figure import ABOVE, LINES, must_be_sampled, new_figure
 from .motion import with_events
 

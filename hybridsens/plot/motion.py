@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 
 from ..export.names import contact_names, coordinate_names, split_unit
 from ..mechanics.contact import gap_and_rate
-from ..mechanics.mode import EventKind, closeness
+from ..mechanics.mode import EventKind
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
+from ..numerics.tolerances import closeness
 from .figure import ABOVE, LINES, must_be_sampled, new_figure
 
 _MARKS = {

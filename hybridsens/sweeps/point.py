@@ -123,11 +123,10 @@ def _of_contacts(trajectory: Trajectory, kept: int) -> dict[str, Any]:
     strikes = (events.kind == EventKind.IMPACT) | (events.kind == EventKind.CAPTURE)
     struck = happened & strikes & ~_dies_away(events, happened)
     margin = jnp.min(jnp.where(struck, events.closing_speed, jnp.inf), initial=jnp.inf)
-    kept = min(kept, events.time.shape[0])
     return _counted(trajectory, kept, events.kind, events.contact, happened) | {
         "grazing_margin": jnp.where(jnp.any(struck), margin, jnp.nan),
         "event_kind": events.kind[:kept].astype(jnp.int8),
-        "event_contact": jnp.where(happened, events.contact, -1)[:kept].astype(jnp.int32),
+        "event_contact": events.contact[:kept].astype(jnp.int32),
     }
 
 

@@ -38,3 +38,9 @@ def test_a_motion_that_broke_off_has_no_exponent(max_events, reached):
     assert bool(found.trajectory.status.reached_end) == reached
     assert np.isfinite(found.growth) and np.isfinite(found.matrix).all()
     assert np.isfinite(found.exponent) == reached
+
+
+def test_what_grows_is_printed_in_a_few_lines():
+    found = str(hs.lyapunov(Saddle(), {"a": 1.0, "b": 2.0}, t1=1.0))
+    assert found.startswith("exponent 1: a variation of the initial state grows 2.71828 times, at most")
+    assert "[[2.718282 0.]" in found and found.endswith("motion: successful, 0 events")

@@ -2,6 +2,7 @@
 
 import csv
 import importlib
+import re
 
 import diffrax
 import numpy as np
@@ -85,6 +86,16 @@ def test_an_error_that_is_not_known_is_on_no_front():
     good = Point("Dopri8", "Replay", "float64", 1e-9, 1e-9, 1e-9, 1e-4)
     study = WorkPrecision((fast, good))
     assert study.pareto() == [good] and study.pareto("value_error") == [fast, good]
+
+
+def test_the_run_that_errors_are_measured_against_has_none():
+    """It led the front with errors of 0; nor is it drawn, where 0 had a place at 1e-16."""
+    itself = Point("Dopri8", "Replay", "float64", 1e-13, 0.0, 0.0, 1e-3)
+    good = Point("Dopri8", "Replay", "float64", 1e-9, 1e-9, 1e-9, 1e-4)
+    study = WorkPrecision((good, itself))
+    assert study.pareto() == [good]
+    assert re.search(r"\n  Dopri8, rtol 1e-13, Replay +\(the reference\) +1.000 ms\n", str(study))
+    assert all(len(line.get_xdata()) == 1 for axes in plot_work_precision(study).axes for line in axes.lines)
 
 
 def test_a_gradient_that_is_nan_is_a_failure(reference):
