@@ -19,9 +19,10 @@ from .record import Motion, segment, segment_end, segment_mode
 SHORT = 0.05
 """Steps longer than this part of the mean one are not looked at: they resolve what they pass."""
 CHANGE = 1e-3
-"""The flow must change by this part of itself; and the state, by what has changed, within the step by `NOISE`
-roundings."""
-NOISE = 1e3
+"""The flow must change by this part of itself."""
+NOISE = 0.8
+"""And the state, by what has changed, within the step by eps^`NOISE` of itself: a flow that is 0 but for rounding
+changes by all of itself."""
 OUTSIDE = 0.3
 """Over the same way just before the step, and just behind it, the flow must change by less than this part of the
 change: where a step resolves the flow, what happens inside of it shows beside it."""
@@ -67,6 +68,6 @@ def _jumps_inside(system: AbstractFlatSystem, least_state, motion: Motion, k: In
     flows = lax.map(lambda x: system.flow(t1, x, mode), x0 + ahead * (x1 - x0))
     before, change, behind = jnp.abs(flows[1:] - flows[:-1])
     largest = jnp.maximum(jnp.abs(flows[1]), jnp.abs(flows[2]))
-    rounding = NOISE * jnp.finfo(x0.dtype).eps * (jnp.abs(x1) + least_state)
+    rounding = float(jnp.finfo(x0.dtype).eps) ** NOISE * (jnp.abs(x1) + least_state)
     matters = (change >= CHANGE * largest) & (change * (t1 - t0) >= rounding)
     return jnp.any(matters & (OUTSIDE * change > jnp.maximum(before, behind)))
