@@ -71,6 +71,31 @@ def test_what_the_trace_shows_is_told(tank, words):
     assert len(told) == 1 and all(word in str(told[0].message) for word in words), told[0].message
 
 
+@jax.jit
+def sinc(x):
+    """It has the name of a function of JAX that is smooth although it selects inside."""
+    return jnp.where(x > 0.5, 1.0, 0.0)
+
+
+class OwnTank(Tank):
+    def flow(self, t, x, mode):
+        return super().flow(t, x, mode) - 0.1 * sinc(x)
+
+
+class SmoothTank(Tank):
+    def flow(self, t, x, mode):
+        return super().flow(t, x, mode) - 0.1 * jnp.sinc(x) - 0.1 * jnp.hypot(x, 1.0)
+
+
+def test_a_function_of_ones_own_is_not_taken_for_that_of_jax():
+    """Whatever it is called: a jump passed without a word, and was not located."""
+    with pytest.warns(hs.DiscontinuityWarning, match="jnp.where of x"):
+        drain(OwnTank)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        drain(SmoothTank)
+
+
 def test_a_running_cost_that_jumps_is_told():
     with pytest.warns(hs.DiscontinuityWarning, match="`running_cost` must be smooth, but has jnp.sign of x"):
         drain(Tank, running_cost=lambda tank, t, x, mode: jnp.sign(x - 0.5))

@@ -42,6 +42,8 @@ class Trait(NamedTuple):
 KINKS = {
     "abs": "jnp.abs", "clamp": "jnp.clip", "max": "jnp.maximum", "min": "jnp.minimum", "reduce_max": "jnp.max",
     "reduce_min": "jnp.min", "cummax": "lax.cummax", "cummin": "lax.cummin", "sort": "jnp.sort",
+    "top_k": "lax.top_k", "scatter_max": ".at[].max", "scatter_min": ".at[].min", "scatter-max": ".at[].max",
+    "scatter-min": ".at[].min",
 }  # fmt: skip
 JUMPS = {
     "sign": "jnp.sign", "floor": "jnp.floor", "ceil": "jnp.ceil", "round": "jnp.round", "rem": "%",
@@ -66,6 +68,8 @@ def own_break(name: str, equation, operands: list[Trait], variable) -> frozenset
     inputs = union(operands).inputs
     if not np.issubdtype(variable.aval.dtype, np.inexact) or (name in {"abs", "sign"} and operands[0].nonnegative):
         return frozenset()
+    if name == "sort" and equation.outvars.index(variable) >= equation.params["num_keys"]:
+        return frozenset([Break("what is sorted by other numbers", inputs, True)])
     if name in KINKS:
         moving = [operand for operand in operands if operand.inputs]
         at_zero = len(moving) == 1 and (name == "abs" or (name in {"max", "min"} and has_zero(equation)))

@@ -27,7 +27,7 @@ from .break_rules import (
     unmoved,
     where_equal,
 )
-from .enclosure import CALLS, inner_jaxpr
+from .calls import CALLS, called, inner_jaxpr
 
 
 def breaks(closed_jaxpr, inputs: Sequence[str | None]) -> frozenset[Break]:
@@ -102,7 +102,7 @@ class _Walk:
 
     def _call(self, equation, operands: list[Trait]) -> list[Trait]:
         jaxpr, constants = inner_jaxpr(equation)
-        name = equation.params.get("name") or getattr(jaxpr.debug_info, "func_name", "")
+        name = called(equation)
         if name in SMOOTH_CALLS:
             return [Trait(union(operands).inputs, union(operands).breaks)] * len(equation.outvars)
         results = self.run(jaxpr, [Trait()] * len(constants), operands)

@@ -8,6 +8,7 @@ import numpy as np
 from jax import lax
 
 from . import jet as J
+from .calls import CALLS, inner_jaxpr
 from .jet import Jet, Truth
 from .primitives import (
     BINARY,
@@ -22,9 +23,6 @@ from .primitives import (
 )
 from .tables import interpolated, is_interpolation
 
-CALLS = {"jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint", "remat2"}
-"""Primitives that hold a program of their own."""
-
 
 def enclose(closed_jaxpr, arguments: Sequence[Jet]) -> Jet:
     """Range of a function of one result, and of its first two derivatives, over an interval of s on which those of its
@@ -38,12 +36,6 @@ def ranges(closed_jaxpr, arguments: Sequence[Any]) -> list[J.Interval]:
     nothing = lambda x: J.point(jnp.full_like(x.low, jnp.nan))
     jets = [Jet(x, nothing(x), nothing(x)) if isinstance(x, J.Interval) else x for x in arguments]
     return [_jet(out).value for out in _run(closed_jaxpr.jaxpr, closed_jaxpr.consts, jets)]
-
-
-def inner_jaxpr(equation):
-    """The program that a call holds, with its constants."""
-    inner = next(equation.params[name] for name in ("jaxpr", "call_jaxpr", "fun_jaxpr") if name in equation.params)
-    return (inner.jaxpr, inner.consts) if hasattr(inner, "consts") else (inner, [])
 
 
 def _run(jaxpr, constants, arguments) -> list[Any]:

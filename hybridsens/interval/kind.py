@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .enclosure import CALLS, inner_jaxpr
+from .calls import CALLS, inner_jaxpr
 from .primitives import BINARY, LINEAR_SHAPES, LOGIC, PLACED, UNARY
 from .tables import is_interpolation
 

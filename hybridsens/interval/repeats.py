@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun
 
-from .enclosure import inner_jaxpr
+from .calls import inner_jaxpr
 from .tables import is_interpolation
 
 WORTH, SHORT = 0.75, 32

@@ -15,7 +15,7 @@ import numpy as np
 from jax.extend.core import JaxprEqn, Literal
 
 from ..interval.break_rules import INTERPOLATIONS, JUMPING_CALLS, SMOOTH_CALLS
-from ..interval.enclosure import CALLS, inner_jaxpr
+from ..interval.calls import CALLS, called, inner_jaxpr
 from .rules import compares, is_real, steps
 
 BY_FLOORS = {
@@ -118,10 +118,8 @@ def compares_inside(equation: JaxprEqn) -> bool:
 
 
 def name_of(equation: JaxprEqn) -> str:
-    """Of an operation; of a call that of its function."""
-    if not is_call(equation):
-        return equation.primitive.name
-    return equation.params.get("name") or getattr(inner_jaxpr(equation)[0].debug_info, "func_name", "")
+    """Of an operation; of a call that of its function, if it is known."""
+    return called(equation) if is_call(equation) else equation.primitive.name
 
 
 def is_call(equation: JaxprEqn) -> bool:

@@ -59,6 +59,9 @@ BROKEN = {
     "held fixed": (lambda t, q, v: lax.stop_gradient(jnp.floor(t)) * q, ("jnp.floor", "t", True)),
     "angle": (lambda t, q, v: jnp.arctan2(q[0], v[0]), ("jnp.arctan2", "qv", True)),
     "norm of one number": (lambda t, q, v: v[:1] / jnp.linalg.norm(v[:1]), ("the root of a square", "v", False)),
+    "the largest two": (lambda t, q, v: lax.top_k(q, 2)[0], ("lax.top_k", "q", False)),
+    "the largest at a place": (lambda t, q, v: TABLE.at[0].max(q[0]), (".at[].max", "q", False)),
+    "sorted by others": (lambda t, q, v: lax.sort((q, v))[1], ("what is sorted by other numbers", "qv", True)),
     "in checkpoint": (lambda t, q, v: jax.checkpoint(jnp.abs)(v), ("jnp.abs", "v", False)),
 }
 
