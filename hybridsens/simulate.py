@@ -97,8 +97,9 @@ def simulate(
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
       `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
     - `throw`: raise unless the motion is successful: also where it reaches t1 but its derivatives are not to be trusted
-      (`grazing`, `guard_jumps`, `flow_jumps`); with False, look at `.status` (one each in a batch). A motion that broke
-      off returns the state where it did, with the gradient of the state at that instant, held fixed: one that could not
+      (`grazing`, `guard_jumps`; `flow_jumps`, which is looked for where a derivative is taken, and by
+      `ForwardSensitivities()` always); with False, look at `.status` (one each in a batch). A motion that broke off
+      returns the state where it did, with the gradient of the state at that instant, held fixed: one that could not
       begin returns the initial state, whose gradient by the scene is 0, which an optimiser takes for a stationary
       point. "nan" makes value and gradient of such a motion nan instead. `.end_time` tells when it ended.
     - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.

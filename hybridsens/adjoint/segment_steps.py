@@ -48,7 +48,8 @@ def recomputed_steps(
         motion, t=t, x=x, mode=mode, steps=empty_steps(t, x, stepper.segment_steps), first_step=first_step,
         rejected=jnp.array(0),
     )  # fmt: skip
-    again, _ = solve_segment(system, stepper, t1, again)
+    # A motion that ran out of steps ended within a segment.
+    again, _ = solve_segment(system, stepper, jnp.where(motion.status.reached_end, t1, motion.t), again)
     end = segment_end(motion, j)
     off = jnp.finfo(t.dtype).eps ** 0.5 * jnp.maximum(jnp.abs(end), jnp.abs(t1 - start[0]))
     valid = jnp.where(jnp.abs(again.t - end) <= off, 1.0, jnp.nan).astype(t.dtype)

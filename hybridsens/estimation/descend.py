@@ -114,7 +114,8 @@ class History:
 
     def _no_motion(self, why: str) -> str:
         if not self.lines:
-            return f"The guess must have a motion that reaches its end, but at it {why}{self.horizon}"
+            must = "The guess must have a motion that reaches its end and has derivatives"
+            return f"{must}, but at it {why}{self.horizon}"
         return (
             f"The stages before the whole record must end at a motion that reaches its end, but after {self.stage} "
             f"{why} A `GrowingHorizon` with more `steps` or less `trust` grows more slowly."

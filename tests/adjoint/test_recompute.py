@@ -65,6 +65,15 @@ def test_a_segment_may_end_elsewhere_by_rounding_alone(gradients, monkeypatch, s
         assert jnp.all(jnp.isnan(again[:3]))  # that by t1 needs no segment
 
 
+def test_a_motion_that_ran_out_of_steps_is_recomputed_up_to_there():
+    """The gradient is that of the state where it stopped; it was nan by one of the two ways."""
+    cut = lambda adjoint: jax.jit(jax.value_and_grad(lambda p: final_height(p, adjoint, max_steps=18), has_aux=True))(P)
+    ((value, motion), kept), ((value_again, _), again) = cut(hs.Replay()), cut(AGAIN)
+    assert motion.status == hs.Status.max_steps_reached and motion.events.count > 1
+    assert value == value_again and jnp.all(kept[:3] != 0)
+    assert_close(again, kept, 1e-12)
+
+
 @pytest.mark.slow
 def test_a_release_is_recomputed_too():
     """Sustained contact and release on the cylinder, then the impacts on the floor."""
