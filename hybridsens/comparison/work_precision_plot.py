@@ -55,7 +55,10 @@ def _add_legend(figure: Figure, handles: list, labels: list[str]) -> None:
     """Below the panels, in as many columns as the figure has room for, and the figure is as much higher."""
     columns = min(4, max(1, MOST_LETTERS // (max(map(len, labels)) + 5)))
     figure.set_figheight(figure.get_figheight() + 0.2 * -(-len(labels) // columns))
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize="small")
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize="small",
+        handlelength=3,  # long enough for a dash and a dot, which tell the methods
+    )  # fmt: skip
 
 
 def _lines(axes: Axes, study: "WorkPrecision", error: str) -> None:

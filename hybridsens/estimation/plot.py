@@ -10,6 +10,8 @@ from ..export.names import split_unit
 from ..plot.figure import ABOVE, new_figure, whole_ticks
 from ..system import AbstractHybridSystem
 
+_FEW_EVENTS = 30
+"""The lines of more events than that are drawn fainter."""
 _DENSE = 450
 """Times at which the fitted motion is drawn: with two for each event still fewer than 512, for which it compiles."""
 
@@ -95,8 +97,10 @@ def _label(axes: Any, below: str, title: str, named: int) -> None:
 
 
 def _mark_events(axes: Any, result: Any) -> None:
-    for time in _event_times(result):
-        axes.axvline(time, color="gray", linestyle="--", linewidth=0.8)
+    times = _event_times(result)
+    alpha = min(1.0, _FEW_EVENTS / max(len(times), 1))  # many lines would cover the data
+    for time in times:
+        axes.axvline(time, color="gray", linestyle="--", linewidth=0.8, alpha=alpha, zorder=0)
 
 
 def _event_times(result: Any) -> np.ndarray:

@@ -149,6 +149,7 @@ def plot_phase(
     _draw_jumps(axes, trajectory, number)
     axes.plot(q[:1], v[:1], "o", markerfacecolor="white", color=LINES[0][0], label="start")
     axes.plot(q[-1:], v[-1:], "s", markersize=4, color=LINES[0][0], label="end")
+    axes.locator_params(axis="x", nbins=6)  # long numbers of a narrow range lie on one another
     axes.set_xlabel(names[number])
     axes.set_ylabel(rates[number])
     axes.legend(ncols=len(axes.get_legend_handles_labels()[1]), columnspacing=1, handletextpad=0.2, **ABOVE)
