@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 import hybridsens as hs
-from hybridsens.adjoint import steps_back
+from hybridsens.adjoint import segment_steps
 from hybridsens.forward.segment import solve_segment
 from hybridsens.scenes import BouncingBall
 from tests.closeness import assert_close
@@ -56,7 +56,7 @@ def test_a_segment_may_end_elsewhere_by_rounding_alone(gradients, monkeypatch, s
         motion, end = solve_segment(*given)
         return dataclasses.replace(motion, t=motion.t + shift), end
 
-    monkeypatch.setattr(steps_back, "solve_segment", shifted)
+    monkeypatch.setattr(segment_steps, "solve_segment", shifted)
     adjoint = hs.Replay(recompute=True, segment_steps=room)  # a program of its own
     again = jax.jit(jax.grad(lambda p: final_height(p, adjoint)[0]))(P)
     if shift == 1e-10:
