@@ -59,7 +59,7 @@ def lyapunov(
     itself, motion and gradient are those of another initial state. Divide `rtol` and `atol` by `growth`, or shorten the
     horizon. The units of the entries are mixed in the singular value, so compare growths of one scene. Over a short
     horizon the exponent of a stable motion may be positive: the growth by a constant factor fades as 1 / (t1 - t0).
-    Compare two horizons, or divide the growths of both.
+    Of two horizons T1 < T2 take log(growth2 / growth1) / (T2 - T1).
 
     Arguments: a scene and its `State`, or a hybrid system and its x0; the mode of a system or of a scene with
     switches; the `settings` of `simulate` or `solve` but `adjoint` and `running_cost`. Raises what these raise.

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int
 
 from ..flat_system import AbstractFlatSystem
 from ..status import Status
-from .record import Motion, segment, segment_end, segment_mode
+from .record import Motion, segment, segment_end
 
 SHORT = 0.05
 """Steps longer than this part of the mean one are not looked at: they resolve what they pass."""
@@ -45,18 +45,18 @@ def told_of_flow_jumps(system: AbstractFlatSystem, least_state: Any, motion: Mot
         found = _jumps_inside(system, least_state, motion, k)
         return jnp.where(found, k, next_short(k + 1)), found
 
-    k, found = lax.while_loop(lambda c: (c[0] < count) & ~c[1], look, (next_short(jnp.array(0)), jnp.array(False)))
     whole = motion.status == Status.successful
-    doubt = motion.doubt.also(found & whole, Status.flow_jumps, times[k])
-    status = Status.where(found & whole, Status.flow_jumps, motion.status)
-    return dataclasses.replace(motion, doubt=doubt, status=status)
+    goes_on = lambda carry: whole & (carry[0] < count) & ~carry[1]
+    k, found = lax.while_loop(goes_on, look, (next_short(jnp.array(0)), jnp.array(False)))
+    doubt = motion.doubt.also(found, Status.flow_jumps, times[k])
+    return dataclasses.replace(motion, doubt=doubt, status=Status.where(found, Status.flow_jumps, motion.status))
 
 
 def _jumps_inside(system: AbstractFlatSystem, least_state, motion: Motion, k: Int[Array, ""]) -> Bool[Array, ""]:
     """Whether the flow jumps by the state inside of step k."""
     events, steps = motion.events, motion.steps
     j = jnp.sum((events.steps <= k) & (jnp.arange(events.steps.shape[0]) < events.count))
-    mode, (_, _, end) = segment_mode(motion, j), segment(motion, j)
+    mode, _, end = segment(motion, j)
     ends_segment = k + 1 == end
     place = jnp.minimum(j, events.steps.shape[0] - 1)
     at_end = jnp.where(j < events.count, events.states.before[place], motion.x)
