@@ -1,5 +1,6 @@
 """One motion: its forward pass, its backward pass, and what both become in forward mode."""
 
+import dataclasses
 import math
 from functools import partial
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from .adjoint.backward import pull_back
 from .adjoint.control import DerivativeControl
 from .adjoint.forward_sensitivity import ForwardPass, push_forward
 from .adjoint.methods import AbstractGradientMethod
-from .adjoint.segment_steps import recomputed_steps, recorded_steps
+from .adjoint.segment_steps import Rerun, recomputed_steps, recorded_steps
 from .adjoint.step import step_parameter_mask
 from .adjoint.steps_back import BackwardPass
 from .flat_system import AbstractFlatSystem, Mode
@@ -46,6 +47,8 @@ class Options(NamedTuple):
     status: Status
     """`Status.running`, or why the motion must not start."""
     settings: RunSettings
+    known_jumps: bool = False
+    """Whether jumps of flow and guards that no event tells of are known to do no harm."""
     differentiated: bool = False
     """Whether a derivative is taken, so that what spoils it must be told."""
 
@@ -78,7 +81,9 @@ def _forward_pass(problem: Problem, options: Options) -> Motion:
     room = settings.max_events, settings.max_steps if settings.segment_steps is None else 0
     motion = empty_motion(system, t0, x0, options.mode, *room, options.status)
     motion = run_segments(system, stepper, t1, motion)
-    if not options.differentiated or settings.segment_steps is not None:  # steps that are not recorded are not seen
+    if options.known_jumps:
+        return dataclasses.replace(motion, status=motion.status.without_jumps)
+    if not options.differentiated or settings.segment_steps is not None:  # not recorded: seen where they are run again
         return motion
     return told_of_flow_jumps(system, settings.atol / settings.rtol, motion)
 
@@ -170,7 +175,9 @@ def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, 
     find_steps = recorded_steps
     if settings.segment_steps is not None:
         stepper = settings.stepper(_flow_size(problem, options))
-        find_steps = partial(recomputed_steps, system, stepper, (problem.t0, problem.x0), problem.t1)
+        least_state = None if options.known_jumps else settings.atol / settings.rtol
+        rerun = Rerun(system, stepper, (problem.t0, problem.x0), problem.t1, least_state)
+        find_steps = partial(recomputed_steps, rerun)
     return BackwardPass(system, mask, adjoint, replay, controlled, control, by_rows, ts, find_steps)
 
 

@@ -194,14 +194,13 @@ def _simulate(
     mode = mode_before_any(mechanics.scene, t0, state.q)
     system, mode = system.begin(mechanics, mode, x0) if isinstance(system, SwitchedSystem) else (mechanics, mode)
     status = horizon_status(t0, t1, ts, settings, number(mechanics.capture_speed))
-    options = Options(mode, status, settings)
+    options = Options(mode, status, settings, mechanics.scene.known_discontinuities)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
     return _trajectory(mechanics, t1, ts, reported, cost)
 
 
 def _trajectory(system: MechanicalSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:
-    final, samples, states = reported.observed
-    status = reported.status.without_known_jumps(system.scene.known_discontinuities)
+    (final, samples, states), status = reported.observed, reported.status
     happened = jnp.arange(states.time.shape[0]) < reported.count
     contact, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
     if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves

@@ -189,7 +189,8 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     start = jnp.concatenate([flat.shapes.flatten(x0, t0.dtype), jnp.zeros(cost.size, t0.dtype)])
     if settings.max_step is None:
         flat.warn_of_sampled(t0, start)
-    options = Options(flat.watched_mode(mode, start), horizon_status(t0, t1, ts, settings), settings)
+    known = flat.system.known_discontinuities
+    options = Options(flat.watched_mode(mode, start), horizon_status(t0, t1, ts, settings), settings, known)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)
     final, samples, states = reported.observed
     x, z = flat.split(final)
@@ -200,8 +201,7 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
     total = None if flat.running_cost is None else cost.restore(z)
-    status = reported.status.without_known_jumps(flat.system.known_discontinuities)
-    status = flat.status_at_end(t1, final, reported.mode, status)
+    status = flat.status_at_end(t1, final, reported.mode, reported.status)
     end_time = where_ended(status, t1, reported.end_time)
     doubt_time = where_in_doubt(status, reported.doubt_time)
     waiting, mode = own_guards(~reported.mode.watch.armed, flat.system), own_mode(reported.mode.given)

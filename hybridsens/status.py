@@ -133,10 +133,10 @@ class Status(eqx.Module):
         """Whether the motion is whole, and its derivatives are not to be trusted."""
         return (self == Status.grazing) | (self == Status.guard_jumps) | (self == Status.flow_jumps)
 
-    def without_known_jumps(self, known: bool) -> "Status":
-        """The status, where jumps may be `known` to do no harm."""
-        jumps = (self == Status.guard_jumps) | (self == Status.flow_jumps)
-        return Status.where(jumps, Status.successful, self) if known else self
+    @property
+    def without_jumps(self) -> "Status":
+        """The status, where jumps are known to do no harm."""
+        return Status.where((self == Status.guard_jumps) | (self == Status.flow_jumps), Status.successful, self)
 
     def __class_getitem__(cls, status: Any) -> str:
         if isinstance(status, Status):

@@ -1,15 +1,17 @@
 """The steps of one segment, for the backward pass: as recorded, or run again where they were not kept."""
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import AbstractFlatSystem, Mode
+from ..forward.flow_jumps import Step, first_jump, jumps_inside
 from ..forward.record import Motion, StepRecord, empty_steps, segment, segment_end, segment_start
 from ..forward.segment import solve_segment
 from ..forward.solver import Stepper
+from ..status import Status
 
 
 class SegmentSteps(NamedTuple):
@@ -31,14 +33,26 @@ def recorded_steps(motion: Motion, j: Int[Array, ""]) -> SegmentSteps:
     return SegmentSteps(mode, motion.steps, first, last, jnp.ones_like(motion.t))
 
 
-def recomputed_steps(
-    system: AbstractFlatSystem, stepper: Stepper, start, t1, motion: Motion, j: Int[Array, ""]
-) -> SegmentSteps:
+class Rerun(NamedTuple):
+    """What a segment needs to be run again."""
+
+    system: AbstractFlatSystem
+    stepper: Stepper
+    start: tuple[Float[Array, ""], Float[Array, "state"]]
+    """Of the motion: (t0, x0)."""
+    t1: Float[Array, ""]
+    least_state: Any
+    """For `flow_jumps.told_of_flow_jumps`; None where jumps of the flow are known to do no harm."""
+
+
+def recomputed_steps(rerun: Rerun, motion: Motion, j: Int[Array, ""]) -> SegmentSteps:
     """Segment j, run again from where its event left it, on to its next event.
 
     It takes the same steps but for rounding, by which another program differs: where a gap closes slowly, that may be
-    another time or one step more. A segment that ends elsewhere makes the gradient nan: a wrong one must not pass.
+    another time or one step more. A segment that ends elsewhere makes the gradient nan, and so does one in which the
+    flow jumps: a wrong gradient must not pass.
     """
+    system, stepper, start, t1, least_state = rerun
     mode, first, _ = segment(motion, j)
     events, previous = motion.events, jnp.maximum(j - 1, 0)
     t = segment_start(motion, j, start[0])
@@ -52,5 +66,17 @@ def recomputed_steps(
     again, _ = solve_segment(system, stepper, jnp.where(motion.status.reached_end, t1, motion.t), again)
     end = segment_end(motion, j)
     off = jnp.finfo(t.dtype).eps ** 0.5 * jnp.maximum(jnp.abs(end), jnp.abs(t1 - start[0]))
-    valid = jnp.where(jnp.abs(again.t - end) <= off, 1.0, jnp.nan).astype(t.dtype)
-    return SegmentSteps(mode, again.steps, jnp.zeros_like(first), again.steps.count, valid)
+    steps, is_same = again.steps, jnp.abs(again.t - end) <= off
+    if least_state is not None:
+        is_same &= ~_flow_jumps(rerun, motion, again)
+    valid = jnp.where(is_same, 1.0, jnp.nan).astype(t.dtype)
+    return SegmentSteps(mode, steps, jnp.zeros_like(first), steps.count, valid)
+
+
+def _flow_jumps(rerun: Rerun, motion: Motion, again: Motion) -> Bool[Array, ""]:
+    """Whether the flow jumps inside of a step of the segment that was run `again`."""
+    steps = again.steps
+    place = lambda k: (steps.t[k], steps.x[k])
+    jumps = lambda k: jumps_inside(rerun.system, rerun.least_state, Step(again.mode, place(k), place(k + 1)))
+    mean_step = (motion.t - rerun.start[0]) / jnp.maximum(motion.steps.count, 1)
+    return first_jump(steps, mean_step, jumps, motion.status == Status.successful) < steps.count

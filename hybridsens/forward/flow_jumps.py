@@ -6,15 +6,16 @@ changes within less than that step.
 """
 
 import dataclasses
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..flat_system import AbstractFlatSystem
+from ..flat_system import AbstractFlatSystem, Mode
 from ..status import Status
-from .record import Motion, segment, segment_end
+from .record import Motion, StepRecord, segment, segment_end
 
 SHORT = 0.05
 """Steps longer than this part of the mean one are not looked at: they resolve what they pass."""
@@ -28,41 +29,62 @@ OUTSIDE = 0.3
 change: where a step resolves the flow, what happens inside of it shows beside it."""
 
 
+class Step(NamedTuple):
+    """One step of the motion."""
+
+    mode: Mode
+    start: tuple[Array, Array]
+    """Time and state."""
+    end: tuple[Array, Array]
+
+
 def told_of_flow_jumps(system: AbstractFlatSystem, least_state: Any, motion: Motion) -> Motion:
     """The motion, in doubt where its flow jumps by the state inside of a step. (A jump by the time alone takes nothing
-    from the derivative by the state.) Entries of the state below `least_state` are not looked at by its tolerances.
+    from the derivative by the state.) Entries of the state below `least_state` are not looked at by its tolerances."""
+    steps = motion.steps
+    mean_step = (motion.t - steps.t[0]) / jnp.maximum(steps.count, 1)
+    jumps = lambda k: jumps_inside(system, least_state, _step(motion, k))
+    k = first_jump(steps, mean_step, jumps, motion.status == Status.successful)
+    found = k < steps.count
+    doubt = motion.doubt.also(found, Status.flow_jumps, steps.t[k])
+    return dataclasses.replace(motion, doubt=doubt, status=Status.where(found, Status.flow_jumps, motion.status))
 
-    Only steps much shorter than the others are looked at: most motions have none but beside their events."""
-    times, count = motion.steps.t, motion.steps.count
-    short = SHORT * (motion.t - times[0]) / jnp.maximum(count, 1)
+
+def first_jump(steps: StepRecord, mean_step, jumps: Callable, wanted) -> Int[Array, ""]:
+    """The first recorded step inside of which the flow `jumps`; their number where there is none, or none is `wanted`.
+
+    Only steps much shorter than the mean one are looked at: most motions have none but beside their events."""
+    times, count = steps.t, steps.count
 
     def next_short(k):
-        is_long = lambda k: (k < count) & (times[k + 1] - times[k] > short)
+        is_long = lambda k: (k < count) & (times[k + 1] - times[k] > SHORT * mean_step)
         return lax.while_loop(is_long, lambda k: k + 1, k)
 
     def look(carry):
         k, _ = carry
-        found = _jumps_inside(system, least_state, motion, k)
+        found = jumps(k)
         return jnp.where(found, k, next_short(k + 1)), found
 
-    whole = motion.status == Status.successful
-    goes_on = lambda carry: whole & (carry[0] < count) & ~carry[1]
+    goes_on = lambda carry: wanted & (carry[0] < count) & ~carry[1]
     k, found = lax.while_loop(goes_on, look, (next_short(jnp.array(0)), jnp.array(False)))
-    doubt = motion.doubt.also(found, Status.flow_jumps, times[k])
-    return dataclasses.replace(motion, doubt=doubt, status=Status.where(found, Status.flow_jumps, motion.status))
+    return jnp.where(found, k, count)
 
 
-def _jumps_inside(system: AbstractFlatSystem, least_state, motion: Motion, k: Int[Array, ""]) -> Bool[Array, ""]:
-    """Whether the flow jumps by the state inside of step k."""
+def _step(motion: Motion, k: Int[Array, ""]) -> Step:
+    """Step k, whose end is that before an event where it ends a segment."""
     events, steps = motion.events, motion.steps
     j = jnp.sum((events.steps <= k) & (jnp.arange(events.steps.shape[0]) < events.count))
     mode, _, end = segment(motion, j)
     ends_segment = k + 1 == end
     place = jnp.minimum(j, events.steps.shape[0] - 1)
     at_end = jnp.where(j < events.count, events.states.before[place], motion.x)
-    t0, x0 = steps.t[k], steps.x[k]
     t1 = jnp.where(ends_segment, segment_end(motion, j), steps.t[k + 1])
-    x1 = jnp.where(ends_segment, at_end, steps.x[k + 1])
+    return Step(mode, (steps.t[k], steps.x[k]), (t1, jnp.where(ends_segment, at_end, steps.x[k + 1])))
+
+
+def jumps_inside(system: AbstractFlatSystem, least_state, step: Step) -> Bool[Array, ""]:
+    """Whether the flow jumps by the state inside of a step."""
+    mode, (t0, x0), (t1, x1) = step
     # One step's length before it, at both ends, and behind it. In a loop: one copy to compile.
     ahead = jnp.array([-1, 0, 1, 2], x0.dtype)[:, None]
     flows = lax.map(lambda x: system.flow(t1, x, mode), x0 + ahead * (x1 - x0))

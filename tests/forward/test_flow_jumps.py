@@ -64,6 +64,16 @@ def test_a_jump_is_told_to_who_asks_for_a_derivative(name):
     assert alone.status == hs.Status.successful and jnp.isnan(alone.doubt_time)
 
 
+def test_steps_that_are_run_again_are_looked_at_too():
+    """The status is that of the motion, whose steps are not kept; the gradient is nan."""
+    again = hs.Replay(recompute=True, segment_steps=512)
+    by_c, by_p = rate(UNSEEN["a quotient"], adjoint=again)[0]
+    assert jnp.isnan(by_c) and jnp.isnan(by_p)
+    (by_c, by_p), motion = rate(UNSEEN["a quotient"], Harmless, adjoint=again)
+    assert motion.status == hs.Status.successful and jnp.isfinite(by_c) and jnp.isfinite(by_p)
+    assert_close(rate(lambda y: (y + 1.0) ** 3, adjoint=again)[0][0], 12 * C**2, 1e-6)
+
+
 def test_what_the_steps_resolve_is_not():
     """A steep but resolved change, a cost that begins with a rate of 0, a kink; nor what is known to do no harm."""
     steep, motion = rate(lambda y: jnp.tanh(1e4 * y))
