@@ -79,7 +79,7 @@ def _message(code) -> str:
     status = Status(np.asarray(code))
     ended = "is whole, but in doubt" if status.reached_end else "did not reach its end"
     became = "could not begin" if status.at_start else ended
-    return f"The motion {became} ({Status.names()[int(code)]}): {status.message}"
+    return f"The motion {became} ({status.name}): {status.message}"
 
 
 def where_ended(status: Status, t1: Array, broken_off: Array) -> Array:

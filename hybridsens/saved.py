@@ -104,7 +104,7 @@ def _how_it_ended(dataset) -> tuple[Status, Array, Array, Steps]:
 
 
 def _status(attributes) -> Status:
-    status = Status(jnp.asarray(attributes["status_code"], jnp.int32))
-    if (status.message or "successful") != attributes["status"]:
-        raise ValueError("The file is of another version of hybridsens, in which a status has another number.")
-    return status
+    name, known = attributes["status"], Status.names()
+    if name not in known:
+        raise ValueError(f"The file is of another version of hybridsens, which has a status {name!r}.")
+    return Status(jnp.asarray(known.index(name), jnp.int32))

@@ -1,5 +1,8 @@
 """Settings of a motion, checked: tolerances, the longest step, room, the methods."""
 
+import functools
+import math
+import os
 import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, TypedDict
@@ -177,3 +180,31 @@ def check_settings(max_events, max_steps, solver, adjoint, throw):
         raise TypeError(f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {kind_of(adjoint)}.")
     if not isinstance(throw, bool) and not (isinstance(throw, str) and throw == "nan"):
         raise TypeError(f'`throw` must be True, False or "nan", but is {throw!r}.')
+
+
+def check_room(max_events: int, max_steps: int, state_size: int, dtype) -> None:
+    """Raise ValueError where the records of events and steps cannot fit into the memory of the device.
+
+    Counted is what they take at the least: (t, x) of a step, and of an event when, what, x- and x+.
+    """
+    size = jnp.dtype(dtype).itemsize
+    steps, events = size * (state_size + 1) * max_steps, size * (2 * state_size + 2) * max_events
+    memory = _memory()
+    if steps + events > memory:
+        raise ValueError(
+            f"`max_events` and `max_steps` must leave records that fit into {memory / 1e9:.3g} GB of memory, but those "
+            f"of {max_events} events take {events // 10**9} GB and those of {max_steps} steps {steps // 10**9} GB at "
+            "least. Lower them, or keep no steps by adjoint=Replay(recompute=True)."
+        )
+
+
+@functools.cache
+def _memory() -> int | float:
+    """Bytes of memory that arrays can have: those of the accelerator, or all of this machine's; inf if unknown."""
+    stats = jax.local_devices()[0].memory_stats() or {}
+    if "bytes_limit" in stats:
+        return stats["bytes_limit"]
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # not every system can be asked
+        return math.inf

@@ -16,7 +16,7 @@ from .adjoint.methods import AbstractGradientMethod, Replay
 from .differentiable import differentiable_motion
 from .forward.solver import RunSettings
 from .located.system import own_mode
-from .mechanics.checks import check_kinds, check_room, check_shapes
+from .mechanics.checks import check_kinds, check_shapes
 from .mechanics.condensed import condensed
 from .mechanics.decisions import mode_before_any
 from .mechanics.event_table import shown_by_values
@@ -34,7 +34,7 @@ from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .reported import Reported
-from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
+from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.direction import forward_only, reverse_only
@@ -136,7 +136,7 @@ def simulate(
     scene, running_cost, switching = _prepared(scene, running_cost, t0, state, mode)
     adjoint = adjoint or Replay()
     segment_steps = segment_room(adjoint, ts)
-    check_room(max_events, segment_steps or max_steps, state)
+    check_room(max_events, segment_steps or max_steps, 2 * state.q.shape[0], state.q.dtype)
     settings = RunSettings(
         solver or diffrax.Tsit5(), rtol, atol, max_events, max_steps, segment_steps, max_step, adjoint.step_rtol
     )

@@ -15,7 +15,7 @@ from .export.datasets import must_be_one, with_structure, write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.text import preformatted, rows_shown
 from .export.trees import as_text
-from .numerics.sample_times import must_lie_within, with_room
+from .numerics.sample_times import at_times
 from .outcome import Steps, end_told
 from .status import Status
 
@@ -96,13 +96,8 @@ class Solution(eqx.Module):
             )
         if np.ndim(self.events.count) > 0:
             must_be_one(self.events.count, "evaluate()")
-        times = jax.numpy.asarray(ts, dtype=float)
         t0, t1 = self.again.horizon()
-        must_lie_within(times.astype(t1.dtype), t0, t1)
-        order = jax.numpy.argsort(times, axis=None)
-        found = self.again(with_room(times.ravel()[order])).x
-        places = jax.numpy.argsort(order).reshape(times.shape)
-        return jax.tree.map(lambda leaf: leaf[places], found)
+        return at_times(ts, t1.dtype, (t0, t1), lambda ts: self.again(ts).x)
 
     def to_xarray(self):
         """An xarray Dataset of all that is here, named by the leaves of the state and of the mode (x.v, event_after.v,

@@ -23,7 +23,7 @@ from .numerics.sample_times import time_in_the_way
 from .numerics.shapes import Shapes
 from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended, where_in_doubt
 from .passes import Options, Problem
-from .settings import check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
+from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
 from .status import Status
 from .system import AbstractHybridSystem
@@ -111,10 +111,11 @@ def solve(
         )
     )  # fmt: skip
     rtol, atol, max_step, _ = given_numbers(rtol, atol, max_step, 0.0, dtype, (system, x0, t0, t1, ts))
+    segment_steps = segment_room(adjoint, ts)
+    check_room(max_events, segment_steps or max_steps, sum(leaf.size for leaf in jax.tree.leaves(x0)), dtype)
     settings = RunSettings(
-        solver or diffrax.Tsit5(), rtol, atol, max_events, max_steps, segment_room(adjoint, ts), max_step,
-        adjoint.step_rtol,
-    )  # fmt: skip
+        solver or diffrax.Tsit5(), rtol, atol, max_events, max_steps, segment_steps, max_step, adjoint.step_rtol
+    )
     if not adjoint.forward_mode:
         given = system, running_cost, x0, t0, t1, ts, jump_ts
         system, running_cost, x0, t0, t1, ts, jump_ts = reverse_only(given)

@@ -119,9 +119,14 @@ class Status(eqx.Module):
         return str(np.vectorize(Status.messages().__getitem__)(self.code))
 
     @property
+    def name(self) -> str:
+        """Its name (of one motion whose status can be seen)."""
+        return Status.names()[int(self.code)]
+
+    @property
     def at_start(self) -> bool:
         """Whether the motion could not begin (of one motion whose status can be seen)."""
-        return _OUTCOMES[Status.names()[int(self.code)]].at_start
+        return _OUTCOMES[self.name].at_start
 
     @property
     def reached_end(self) -> Bool[Array, "*batch"]:
@@ -158,6 +163,9 @@ class Status(eqx.Module):
 
     def __ne__(self, other: Any) -> Bool[Array, "*batch"]:  # type: ignore[override]
         return ~(self == other)
+
+    def __hash__(self) -> int:
+        raise TypeError("A status cannot be in a set or a key of a dict, for its code is an array: use `status.name`.")
 
     def __array__(self, dtype=None, copy=None) -> np.ndarray:
         """The codes, so that NumPy, pandas and xarray compare a status with those of a sweep."""
@@ -212,7 +220,7 @@ def numbered(cls: type) -> type:
 
 def add_remark(status: Status, text: str) -> None:
     """More to the message of an outcome, from a part of the package that knows more of it."""
-    name = Status.names()[int(status.code)]
+    name = status.name
     _OUTCOMES[name] = _OUTCOMES[name]._replace(message=f"{_OUTCOMES[name].message} {text}")
 
 

@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "search": {"flat_system", "interval", "numerics"},
     "observables": set(),
     "forward": {"flat_system", "numerics", "observables", "status"},
-    "adjoint": {"flat_system", "forward", "xla", "numerics", "observables"},
+    "adjoint": {"flat_system", "forward", "xla", "numerics", "observables", "status"},
     "reported": {"forward", "flat_system", "observables", "status"},
     "passes": {"flat_system", "forward", "adjoint", "numerics", "observables", "reported", "status"},
     "differentiable": {"passes", "reported", "observables", "adjoint", "forward", "validation", "xla"},

@@ -182,3 +182,10 @@ def test_jump_times_that_are_known_may_be_given_while_a_program_is_compiled():
     known = jnp.array([0.25, 0.5])
     final = lambda rate: hs.solve(Oscillator(rate), jnp.array([1.0, 0.0]), 0, t1=1.0, jump_ts=known).final
     assert_close(jax.jit(final)(jnp.array(1.0)), final(jnp.array(1.0)), 1e-12)
+
+
+@pytest.mark.parametrize("name", ["max_events", "max_steps"])
+def test_room_that_no_memory_has_is_refused(name):
+    """Before anything is allocated."""
+    with pytest.raises(ValueError, match=f"`max_events` and `max_steps` must leave .* of {10**12} {name[4:]} "):
+        hs.solve(Ball(9.81, 0.8), jnp.array([1.0, 0.0]), t1=1.0, **{name: 10**12})

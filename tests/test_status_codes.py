@@ -39,3 +39,9 @@ def test_a_code_says_what_it_means():
     for code in (-1, 1000, 1.5, CODES):
         with pytest.raises(TypeError, match="must be given a status, or the code of one, but is given"):
             hs.Status[code]
+
+
+def test_a_status_has_a_name_by_which_it_is_a_key():
+    assert hs.Status.grazing.name == "grazing" == hs.Status.names()[int(hs.Status.grazing)]
+    with pytest.raises(TypeError, match="use `status.name`"):
+        hash(hs.Status.grazing)

@@ -20,7 +20,6 @@ from ..mechanics.trajectory import Trajectory
 from ..plot import plot_gradients, plot_trajectory
 from ..plot.solution import draw_solution
 from ..solution import Solution, SolutionEvents
-from ..status import Status
 from ..waiting import waiting
 from .models import HELP, complete, file_name, runnable, text
 from .options import Json, picture_to_write, print_json
@@ -100,7 +99,7 @@ def _summary(name: str, shown: Demonstration) -> dict[str, Any]:
     )  # fmt: skip
     keys = ("name", "value", "adjoint", "differences", "one_sided", "naive")
     return {
-        "scene": name, "status": Status[motion.status] or "successful", "steps": motion.steps,
+        "scene": name, "status": motion.status.name, "steps": motion.steps,
         "events": _events(motion), "J": shown.cost, "J_naive": shown.naive_cost,
         "gradient": [dict(zip(keys, column, strict=True)) for column in columns], "seconds": shown.timings,
     }  # fmt: skip

@@ -26,7 +26,7 @@ def work_precision(
         Path | None,
         typer.Option(
             callback=file_to_write,
-            help="Points, a .csv file; those in it are kept. Default: new ones, beside the picture.",
+            help="Points, a .csv file; those in it are kept. Default: new ones, PICTURE-points.csv.",
         ),
     ] = None,
 ) -> None:
@@ -37,9 +37,7 @@ def work_precision(
 
     chosen = runnable(scene)
     output = output or Path(f"work-precision-{file_name(scene)}.png")
-    if store is None:
-        store = output.with_suffix(".csv")
-        store.unlink(missing_ok=True)
+    store = store or _new_store(output)
     dtypes = ("float64", "float32") if single else ("float64",)
     solvers = [_solver(name) for name in solver or ("Bosh3", "Tsit5", "Dopri8")]
     methods = [_method(name) for name in method or ("Replay", "ForwardSensitivities")]
@@ -50,6 +48,17 @@ def work_precision(
     print(f"\npoints: {store}")
     plot_work_precision(study).savefig(output, dpi=150)
     print(f"picture: {output}")
+
+
+def _new_store(picture: Path) -> Path:
+    """An empty place for points, beside the picture; the points of a study before are removed, no other file."""
+    from ..comparison.work_precision_points import COLUMNS
+
+    place = picture.with_name(f"{picture.stem}-points.csv")
+    if place.exists() and place.read_bytes().partition(b"\r\n")[0] != ",".join(COLUMNS).encode():
+        raise typer.BadParameter(f"{place} is there and holds no points of a study: name another file by --store")
+    place.unlink(missing_ok=True)
+    return place
 
 
 def _solver(name: str) -> Any:

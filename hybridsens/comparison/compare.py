@@ -12,7 +12,6 @@ from ..adjoint.methods import AbstractGradientMethod, Replay
 from ..outcome import SimulationError
 from ..parameters import FlatParameters, flatten_parameters
 from ..settings import Settings, chosen_settings
-from ..status import Status
 from ..system import AbstractHybridSystem
 from ..validation.arguments import real_tolerance, whole_number
 from ..waiting import counted, waiting
@@ -119,7 +118,7 @@ def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[st
 
 def _doubt(reported: Reported, gradient: np.ndarray) -> str:
     """Why a gradient of motions that all reached their ends is not to be trusted; empty where it is."""
-    names = sorted({Status.names()[int(status)] for status in reported.status if status.in_doubt})
+    names = sorted({status.name for status in reported.status if status.in_doubt})
     why = [f"its motion has status {' and '.join(names)}"] if names else []
     why += [] if np.all(np.isfinite(gradient)) else ["its gradient is not finite"]
     return f"not to be trusted: {' and '.join(why)}, so no error of a gradient is one" if why else ""

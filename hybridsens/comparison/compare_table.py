@@ -9,6 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..export.one_move import in_one_move
 from ..export.text import TERMINAL, name_and_numbers, preformatted, wrapped
 from ..plot.figure import new_figure
 
@@ -82,7 +83,7 @@ class Comparison(NamedTuple):
 
     def to_csv(self, path: str | Path) -> None:
         """Write one line for each method, the reference first, with one column for each entry of the gradient."""
-        with open(path, "w", newline="") as file:
+        with in_one_move(Path(path)) as draft, open(draft, "w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(["method", *COLUMNS, *(f"d/d {name}" for name in self.parameters), "failure"])
             reference = self.reference

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.sample_times import with_room
 from .data import Measurements
 from .descend import UNFINISHED, Run, event_sequence
 from .growing import Growing
@@ -62,8 +61,8 @@ def build_result(
 
 def _at_other_times(problem: Problem, z, times: Float[Array, "sample"]) -> Float[np.ndarray, "sample observation"]:
     """What the motion at z shows then."""
-    asked = eqx.tree_at(lambda p: p.data.times, problem, with_room(times))
-    return np.asarray(predict(asked, z)[1])[: times.shape[0]]
+    asked = eqx.tree_at(lambda p: p.data.times, problem, times)
+    return np.asarray(predict(asked, z)[1])
 
 
 def _knowledge(problem: Problem, data: Measurements, values, r, jacobian, held) -> Uncertainty:

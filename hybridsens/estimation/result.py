@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
 from ..export.datasets import optional, write_netcdf
 from ..export.text import preformatted
 from ..mechanics.trajectory import Trajectory
-from ..numerics.sample_times import must_lie_within
+from ..numerics.sample_times import at_times
 from ..solution import Solution
 from ..system import AbstractHybridSystem
 from .data import Measurements
@@ -74,15 +73,11 @@ class FitResult(eqx.Module):
     """The same motion for other times; `predict` asks it."""
 
     def predict(self, times: ArrayLike | Sequence) -> np.ndarray:
-        """(time, observation) what the fitted motion shows at other times of its horizon, in any order. The first call
-        compiles; the number of times is rounded up inside, so that few numbers of them compile anew.
+        """(*times, observation) what the fitted motion shows at other times of its horizon, a number or an array in any
+        order. The first call compiles; the number of times is rounded up inside, so that few of them compile anew.
 
         Raises: ValueError for times outside of the horizon, which ends with the data unless `t1` was given."""
-        asked = np.atleast_1d(np.asarray(times, float))
-        order = np.argsort(asked)
-        ordered = jnp.asarray(asked[order])
-        must_lie_within(ordered, *self.horizon)
-        return self.again(ordered)[np.argsort(order)]
+        return at_times(times, float, self.horizon, self.again)
 
     @property
     def covariance(self) -> np.ndarray:

@@ -28,8 +28,7 @@ def attributes(kind: str, motion: Any) -> dict[str, Any]:
     """Attributes of a data set: what it holds, status, work, room for events."""
     return {
         "hybridsens": kind,
-        "status": motion.status.message or "successful",
-        "status_code": int(motion.status.code),
+        "status": motion.status.name,
         "end_time": float(motion.end_time),
         "doubt_time": float(motion.doubt_time),
         "steps_accepted": int(motion.steps.accepted),

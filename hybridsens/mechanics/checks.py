@@ -1,8 +1,5 @@
 """What a scene must be: shapes before anything runs, values at the start of the motion."""
 
-import functools
-import math
-import os
 from typing import Any
 
 import jax
@@ -68,22 +65,6 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> bool:
     return all(function.dtype == q.dtype for function in [gap, *returned])
 
 
-def check_room(max_events: int, max_steps: int, state: State) -> None:
-    """Raise ValueError where the records of events and steps cannot fit into the memory of the device.
-
-    Counted is what they take at the least: (t, x) of a step, and of an event when, what, x- and x+.
-    """
-    size, dof = state.q.dtype.itemsize, state.q.shape[0]
-    steps, events = size * (2 * dof + 1) * max_steps, size * (4 * dof + 5) * max_events
-    memory = _memory()
-    if steps + events > memory:
-        raise ValueError(
-            f"`max_events` and `max_steps` must leave records that fit into {memory / 1e9:.3g} GB of memory, but those "
-            f"of {max_events} events take {events // 10**9} GB and those of {max_steps} steps {steps // 10**9} GB at "
-            "least. Lower them, or keep no steps by adjoint=Replay(recompute=True)."
-        )
-
-
 def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> Status:
     """`Status.running` where the values at (t, q, v) fit, or why the motion must not go on from there.
 
@@ -142,15 +123,3 @@ def _of_coordinates(asked: Asked, returned: jax.ShapeDtypeStruct, axes: tuple) -
     dof = axes[0].shape[0]
     why = f" The state has dof = {dof}: where the scene has another number of coordinates, the state is wrong."
     return must_have_shape(asked, returned, tuple(dof for _ in axes), why if returned.ndim == len(axes) else "")
-
-
-@functools.cache
-def _memory() -> int | float:
-    """Bytes of memory that arrays can have: those of the accelerator, or all of this machine's; inf if unknown."""
-    stats = jax.local_devices()[0].memory_stats() or {}
-    if "bytes_limit" in stats:
-        return stats["bytes_limit"]
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):  # not every system can be asked
-        return math.inf

@@ -10,7 +10,6 @@ from ..export.names import contact_names
 from ..export.text import array_text, rows_shown
 from ..export.trees import as_text
 from ..numerics.sample_times import time_in_the_way
-from ..status import Status
 from ..validation.not_finite import not_finite_among
 from .mode import EventKind
 from .scene import AbstractScene, State
@@ -94,7 +93,7 @@ def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: 
         "unsorted_times": lambda: time_in_the_way(ts, t0, t1),
         "non_finite": lambda: not_finite_among(scene, state) or _last_events(motion),
     }
-    text = told.get(Status.names()[int(motion.status.code)], lambda: _last_events(motion))()
+    text = told.get(motion.status.name, lambda: _last_events(motion))()
     return f" {text}" if text else ""
 
 

@@ -17,7 +17,7 @@ from ..export.datasets import must_be_one, with_structure, write_netcdf
 from ..export.text import paragraph, preformatted, table
 from ..export.trajectory import events_frame, motion_dataset, samples_frame
 from ..export.trees import as_text
-from ..numerics.sample_times import must_lie_within, with_room
+from ..numerics.sample_times import at_times
 from ..outcome import Steps, end_told
 from ..status import Status
 from .event_table import event_rows, event_table, state_text
@@ -109,14 +109,13 @@ class Trajectory(eqx.Module):
                 "evaluate() must be given known times: for derivatives by them, or inside of a transformation, pass "
                 "`ts=` to `simulate`."
             )
-        times = np.asarray(ts, float)
-        order = np.argsort(times, axis=None)
-        ordered = jnp.asarray(times.ravel()[order], self.final.q.dtype)
         again = self._known_again("evaluate()")
-        must_lie_within(ordered, again.keywords["t0"], again.keywords["t1"])
-        found = again(ts=with_room(ordered))
-        places = np.argsort(order).reshape(times.shape)
-        return State(found.q[places], found.v[places])
+
+        def sampled(ts):
+            found = again(ts=ts)
+            return State(found.q, found.v)
+
+        return at_times(ts, self.final.q.dtype, (again.keywords["t0"], again.keywords["t1"]), sampled)
 
     def from_each_sample(self, cost: Callable[["Trajectory"], Array]) -> State:
         """d(cost) / d(state) for the motion that begins at each sample and ends where this one does: the costate.

@@ -1,11 +1,30 @@
 """Times at which a motion is asked for afterwards: which there may be, and how many a program is compiled for."""
 
+from collections.abc import Callable
+from typing import Any
+
+import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 LEAST = 16
+
+
+def at_times(ts, dtype, horizon: tuple, sampled: Callable[[Float[Array, "sample"]], Any]) -> Any:
+    """What a motion is at times between (t0, t1), a number or an array in any order: a PyTree of arrays (*ts, ...).
+
+    `sampled` gives (sample, ...) for times in their order. It is asked with some more of them than there are: each
+    number of samples is a program of its own.
+
+    Raises: ValueError as `must_lie_within`."""
+    times = jnp.asarray(ts, float)
+    must_lie_within(times.astype(dtype), *horizon)
+    order = jnp.argsort(times, axis=None)
+    found = sampled(_with_room(times.ravel()[order].astype(dtype)))
+    places = jnp.argsort(order).reshape(times.shape)
+    return jax.tree.map(lambda leaf: leaf[places], found)
 
 
 def must_lie_within(times, t0, t1) -> None:
@@ -39,10 +58,8 @@ def _shown(time) -> str:
     return str(time).removesuffix(".0")
 
 
-def with_room(times: Float[Array, "sample"]) -> Float[Array, "room"]:
-    """The times, with the last of them again and again up to a number that is a power of two.
-
-    Each number of samples is a program of its own, so those of few numbers are compiled for."""
+def _with_room(times: Float[Array, "sample"]) -> Float[Array, "room"]:
+    """The times, with the last of them again and again up to a number that is a power of two."""
     if not times.shape[0]:
         return times
     room = max(LEAST, 1 << (times.shape[0] - 1).bit_length())

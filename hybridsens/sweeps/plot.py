@@ -115,14 +115,16 @@ def plot_bifurcation(
     """Bifurcation diagram: a state at each of the times asked for, over one parameter.
 
     Arguments: a sweep over one parameter with `states=True`, at times one period of the forcing apart, after the motion
-    has settled; the state "q" or "v" and its component. A cross at the foot marks a point without a motion. Raises
-    ValueError if the Dataset is not of that kind.
+    has settled; the name of a state, as "q" or "v", and its component. A cross at the foot marks a point without a
+    motion. Raises ValueError if the Dataset is not of that kind.
     """
     if state not in dataset:
         raise ValueError(
             f"A bifurcation diagram must have the states {state!r}, but the sweep kept none: use states=True."
         )
-    values = dataset[state].isel(dof=component)
+    values, named = dataset[state], state
+    if values.dims[-1] != "sample":  # one of its coordinates
+        values, named = values.isel({values.dims[-1]: component}), f"{state}[{component}]"
     if values.ndim != 2:
         raise ValueError(
             f"A bifurcation diagram must have one parameter, but the points have the dimensions {values.dims[:-1]}."
@@ -140,7 +142,7 @@ def plot_bifurcation(
         axes.plot(failed, np.zeros(failed.size), "x", color="#c8553d", label="failed", **at_the_foot)
         axes.legend(**ABOVE)
     axes.set_xlabel(_label(dataset[parameter]))
-    axes.set_ylabel(f"{state}[{component}] once a period")
+    axes.set_ylabel(f"{named} once a period")
     return axes.figure  # pyright: ignore[reportReturnType]
 
 

@@ -1,5 +1,6 @@
 """What commands print for people fits 80 columns; for programs there is JSON; help has examples that parse."""
 
+import importlib
 import json
 import os
 import re
@@ -7,11 +8,15 @@ import shlex
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import typer
 
+import hybridsens as hs
 from hybridsens.cli.help_texts import EXAMPLES, SHORT
 from hybridsens.cli.main import app, run
+from hybridsens.comparison.compare import Reference
+from hybridsens.comparison.work_precision_points import write_points
 from hybridsens.scenes import SCENES
 from hybridsens.systems import SYSTEMS
 
@@ -139,3 +144,17 @@ def test_what_a_design_does_not_take_is_refused(arguments, message, capsys):
     """Numbers and options that the design has no use for were ignored."""
     assert run(["sweep", "elastic-stop", "--output", "x.nc", *arguments]) == 2
     assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_command_removes_no_file_but_the_points_of_a_study_before(tmp_path, monkeypatch, capsys):
+    """Data beside the picture stay, of the same name or of that of the points."""
+    module = importlib.import_module("hybridsens.comparison.work_precision")
+    monkeypatch.setattr(module, "work_precision", lambda *scene, **rest: hs.WorkPrecision(()))
+    data, points = tmp_path / "data.csv", tmp_path / "data-points.csv"
+    asked = ["work-precision", "elastic-stop", "--output", str(tmp_path / "data.png")]
+    write_points(points, (), Reference(1.0, np.ones(1)), {})
+    data.write_text("t,q\n")
+    assert run(asked) == 0 and data.read_text() == "t,q\n" and not points.exists()
+    points.write_text("t,q\n")
+    assert run(asked) == 2 and points.read_text() == "t,q\n"
+    assert "holds no points of a study" in capsys.readouterr().err

@@ -42,5 +42,9 @@ def test_what_a_fit_predicts_at_other_times(near):
     """Assert that it is what it shows at the times measured, in any order, and that other times are refused."""
     shown = near.predict(near.data.times[::-1])
     np.testing.assert_allclose(shown[::-1], near.predictions, rtol=1e-7, atol=1e-9)
+    late, early = near.data.times[[-1, 0]]
+    square = near.predict([[late, early], [early, early]])
+    np.testing.assert_array_equal(square, [[shown[0], shown[-1]], [shown[-1], shown[-1]]])
+    np.testing.assert_array_equal(near.predict(late), shown[0])
     with pytest.raises(ValueError, match="Times must lie within"):
         near.predict([near.horizon[1] + 1.0])

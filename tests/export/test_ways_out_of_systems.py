@@ -6,6 +6,7 @@ import pickle
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import netCDF4
 import numpy as np
 import pytest
 
@@ -88,6 +89,19 @@ def test_a_file_gives_the_motion_back(motion, sampled, tmp_path):
         assert leaf.dtype == expected.dtype, path
     with pytest.raises(ValueError, match="must know the system"):
         loaded.evaluate(1.0)
+
+
+def test_a_file_names_how_the_motion_ended(motion, tmp_path):
+    """By which a version that numbers statuses otherwise reads it, or says that it cannot."""
+    doubtful = eqx.tree_at(lambda m: m.status, motion, hs.Status.grazing)
+    assert doubtful.to_xarray().attrs["status"] == "grazing"
+    path = tmp_path / "motion.nc"
+    doubtful.save(path)
+    assert hs.load(path).status == hs.Status.grazing
+    with netCDF4.Dataset(path, "a") as file:
+        file.status = "dazzled"
+    with pytest.raises(ValueError, match="of another version of hybridsens, which has a status 'dazzled'"):
+        hs.load(path)
 
 
 def test_a_file_of_another_kind_is_not_written(motion, tmp_path):

@@ -104,6 +104,16 @@ def test_a_bifurcation_diagram_shows_period_one_where_the_motion_repeats():
         plot_bifurcation(found.drop_vars("q"), axes=Figure().subplots())
 
 
+@pytest.mark.parametrize("state, dims", [("x", ()), ("x.v", ()), ("x.r", ("x.r_0",))])
+def test_a_bifurcation_diagram_of_a_system_takes_a_leaf_of_its_state(state, dims):
+    """A number as it is, and of an array the component asked for."""
+    values = np.arange(12.0).reshape(2, 3, 2)
+    leaf = xr.DataArray(values if dims else values[..., 1], {"a": [1.0, 2.0]}, ("a", "sample", *dims))
+    axes = plot_bifurcation(xr.Dataset({state: leaf}), state, component=1).axes[0]
+    assert axes.lines[0].get_ydata().tolist() == values[..., 1].ravel().tolist()
+    assert axes.get_ylabel() == f"{state}[1] once a period" if dims else f"{state} once a period"
+
+
 @pytest.mark.slow
 def test_the_command_writes_a_dataset_and_a_picture(tmp_path, capsys):
     """Assert that `hybridsens sweep` gives the same J as the library, says how points ended, and draws the map."""
