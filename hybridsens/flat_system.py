@@ -5,7 +5,6 @@ x+ = R(t, x-), and the mode changes. Everything in `forward/` and `adjoint/` is 
 """
 
 import abc
-import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -98,21 +97,10 @@ class AbstractFlatSystem(eqx.Module):
 
     @abc.abstractmethod
     def decide(self, event: Int[Array, ""], t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Decision:
-        """The discrete part of a transition: next mode and which law acts. Never differentiated."""
+        """The discrete part of a transition: next mode and which law acts. Never differentiated.
 
-    def choose(self, event: Int[Array, ""], t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Decision:
-        """`decide`; at the `START` the mode in which a motion from (t, x) begins, and at a `FLOW_JUMP` the one in which
-        it goes on: by default the given one."""
-        stays = event < 0
-        decision = self.decide(jnp.maximum(event, 0), t, x, mode)
-        return dataclasses.replace(
-            decision,
-            mode=jax.tree.map(lambda old, new: jnp.where(stays, old, new), mode, decision.mode),
-            grazing=jnp.where(stays, False, decision.grazing),
-            status=Status.where(stays, Status.running, decision.status),
-            first_step_bound=jnp.where(stays, jnp.inf, decision.first_step_bound),
-            order_matters=jnp.where(stays, False, decision.order_matters),
-        )
+        At the `START` the mode in which a motion from (t, x) begins, and at a `FLOW_JUMP` the one in which it goes on.
+        """
 
     @abc.abstractmethod
     def reset(

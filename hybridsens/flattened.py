@@ -113,7 +113,7 @@ class FlattenedSystem(AbstractFlatSystem):
         flow, guards = (lambda t, x: self.flow(t, x, mode)), (lambda t, x: self.guards(t, x, mode))
         return search_guards(guards, flow, step, mode.watch.speed, tolerance, wanted)
 
-    def choose(self, event, t, x, mode: WatchedMode) -> Decision:
+    def decide(self, event, t, x, mode: WatchedMode) -> Decision:
         """At the start a guard that is below zero waits for its rise; one that a jump time puts there fires."""
 
         def begin():
@@ -125,7 +125,7 @@ class FlattenedSystem(AbstractFlatSystem):
             watched = WatchedMode(mode.given, watch, expected, self._next_time(shown.times, expected))
             return _decision(watched, Origin(event, mode.given), shown, moves)
 
-        return lax.cond(event >= 0, lambda: self.decide(event, t, x, mode), begin)
+        return lax.cond(event >= 0, lambda: self._after(event, t, x, mode), begin)
 
     def _show(self, t, x, mode: WatchedMode) -> Shown:
         """Guards and scheduled times, and their rates along the flow of the mode."""
@@ -167,12 +167,12 @@ class FlattenedSystem(AbstractFlatSystem):
         return mode.expected
 
     def watched_mode(self, mode, x) -> WatchedMode:
-        """The mode that a motion begins in; `choose` looks at its guards."""
+        """The mode that a motion begins in; `decide` looks at its guards."""
         never = None if self.scheduled_count is None else jnp.full((), jnp.inf, x.dtype)
         expected = jnp.zeros(self.scheduled_count or 0, bool)
         return WatchedMode(mode, Watch.blank(self.guard_count, x), expected, never)
 
-    def decide(self, event, t, x, mode: WatchedMode) -> Decision:
+    def _after(self, event, t, x, mode: WatchedMode) -> Decision:
         """The transition's mode, which guards can fall then, and which scheduled times are to come."""
         origin = Origin(event, mode.given)
         if self.guard_count == 0 and self.scheduled_count is None:

@@ -31,7 +31,7 @@ class Thermostat(AbstractFlatSystem):
         return jnp.where(mode, self.p[4] - x, x - self.p[3])
 
     def decide(self, event, t, x, mode):
-        return Decision(~mode, jnp.array(0))
+        return Decision(jnp.where(event < 0, mode, ~mode), jnp.array(0))  # the start leaves it
 
     def reset(self, decision, t, x):
         return x, ()
@@ -53,7 +53,7 @@ class SwitchedOscillator(AbstractFlatSystem):
         return jnp.where(mode, -x[:1], x[:1])
 
     def decide(self, event, t, x, mode):
-        return Decision(~mode, jnp.array(0))
+        return Decision(jnp.where(event < 0, mode, ~mode), jnp.array(0))  # the start leaves it
 
     def reset(self, decision, t, x):
         rho = self.p[2]

@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "flat_system": {"status"},
     "search": {"flat_system", "interval", "numerics"},
     "observables": set(),
-    "forward": {"flat_system", "numerics", "observables", "status"},
+    "forward": {"flat_system", "numerics", "observables", "status", "xla"},
     "adjoint": {"flat_system", "forward", "xla", "numerics", "observables", "status"},
     "reported": {"forward", "flat_system", "observables", "status"},
     "passes": {"flat_system", "forward", "adjoint", "numerics", "observables", "reported", "status"},

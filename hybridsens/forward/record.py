@@ -152,7 +152,7 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
     room = max_events
     jump_times = system.jump_times()
     max_events += (0 if jump_times is None else jump_times.shape[0]) + system.silent_room(max_events)
-    decision = jax.eval_shape(lambda: system.choose(jnp.array(0), t0, x0, mode))
+    decision = jax.eval_shape(lambda: system.decide(jnp.array(0), t0, x0, mode))
     _, emitted = jax.eval_shape(lambda decision: system.reset(decision, t0, x0), decision)
     rows = lambda tree: jax.tree.map(lambda leaf: jnp.zeros((max_events + 1, *leaf.shape), leaf.dtype), tree)
     states = EventStates(jnp.full(max_events + 1, jnp.inf, t0.dtype), rows(x0), rows(x0), rows(emitted))

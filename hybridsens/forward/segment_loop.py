@@ -54,7 +54,7 @@ def _goes_on(motion: Motion):
 def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> Motion:
     """A motion without any event, in one solve, which has no length where the motion must not start. Nothing holds its
     state, so nothing projects it."""
-    begins = system.choose(jnp.array(START), motion.t, motion.x, motion.mode)
+    begins = system.decide(jnp.array(START), motion.t, motion.x, motion.mode)
     start = Status.where(motion.status == Status.running, begins.status, motion.status)
     motion = dataclasses.replace(motion, begun=jnp.array(True), status=start)
     motion, _ = solve_segment(system, stepper, jnp.where(start == Status.running, t1, motion.t), motion)
@@ -122,7 +122,7 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     t, before = end.time, motion.x
     at = jnp.where(at_jump_time, after_jump(t), t)
     event = jnp.maximum(end.event, FLOW_JUMP)  # one number stands for every jump time
-    decision = system.choose(event, at, before, motion.mode)
+    decision = system.decide(event, at, before, motion.mode)
     if decision.at_once is not False:  # in a system whose events may come with the one before
         # A guard that jumps below zero at the instant of that event moves with it, for that event tells where.
         same_instant = (t - motion.last_event_time <= time_resolution(t, MOST_RELAXED)) & ~motion.last_is_silent

@@ -9,8 +9,8 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
-from jax import lax
+
+from ..xla.once import computed_once
 
 
 def push(function: Callable[..., Any], here, primals, tangents):
@@ -24,16 +24,8 @@ def push(function: Callable[..., Any], here, primals, tangents):
     """
     moving = jax.tree.map(lambda d, p: None if d is None else p, tangents, primals, is_leaf=_is_none)
     fixed = jax.tree.map(lambda d, p: p if d is None else None, tangents, primals, is_leaf=_is_none)
-    tree = None
-
-    def linearised():
-        nonlocal tree
-        leaves, tree = jax.tree.flatten(jax.linearize(lambda moving: function(*eqx.combine(moving, fixed)), moving))
-        return leaves
-
-    shapes = jax.eval_shape(linearised)
-    leaves = lax.cond(here, linearised, lambda: [jnp.zeros(s.shape, s.dtype) for s in shapes])
-    value, tangent_map = jax.tree.unflatten(tree, leaves)
+    of_moving = lambda moving: function(*eqx.combine(moving, fixed))
+    value, tangent_map = computed_once(here, lambda: jax.linearize(of_moving, moving))
     return value, tangent_map(tangents)
 
 

@@ -64,7 +64,7 @@ class SwitchedSystem(AbstractFlatSystem):
     """The scene's mode in which the motion begins."""
 
     def begin(self, mechanics: MechanicalSystem, mode: ContactMode, x) -> tuple["SwitchedSystem", SwitchedMode]:
-        """The system with these mechanics, and the mode that it begins in at x; `choose` looks at its switches."""
+        """The system with these mechanics, and the mode that it begins in at x; `decide` looks at its switches."""
         watch = Watch.blank(self.switch_count, x)
         return dataclasses.replace(self, mechanics=mechanics), SwitchedMode(mode, self.first_mode, watch)
 
@@ -150,16 +150,14 @@ class SwitchedSystem(AbstractFlatSystem):
         return search_guards(switches, flow, step, mode.watch.speed, tolerance, wanted)
 
     def decide(self, event, t, x, mode: SwitchedMode) -> Decision:
-        """The mode after, of the scene and of its contacts, and which switches can fall then."""
-        return self.choose(event, t, x, mode)
+        """The mode after, of the scene and of its contacts, and which switches can fall then.
 
-    def choose(self, event, t, x, mode: SwitchedMode) -> Decision:
-        """After a switch the contacts are chosen anew (T2), as where the forces jump; a silent one leaves them."""
+        After a switch the contacts are chosen anew (T2), as where the forces jump; a silent one leaves them."""
         number = event - mode.contacts.active.shape[0]  # of a switch; negative otherwise
         rises = mode.watch.is_silent(number)
         falls = (number >= 0) & ~rises
         after, own = lax.cond(falls, lambda: self._switch(number, t, x, mode.own), lambda: (x, mode.own))
-        contacts = self.within(own).choose(jnp.where(number >= 0, FLOW_JUMP, event), t, after, mode.contacts)
+        contacts = self.within(own).decide(jnp.where(number >= 0, FLOW_JUMP, event), t, after, mode.contacts)
         among = jax.tree.map(lambda new, old: jnp.where(rises, old, new), contacts.mode, mode.contacts)
         after, _ = self.within(own).reset(contacts, t, after)
         first = Chosen(own, among, contacts.status, self._see(t, after, own, among, mode.watch))
@@ -198,7 +196,7 @@ class SwitchedSystem(AbstractFlatSystem):
             return chosen
 
         def again():
-            contacts = self.within(own).choose(jnp.array(FLOW_JUMP), t, after, chosen.contacts)
+            contacts = self.within(own).decide(jnp.array(FLOW_JUMP), t, after, chosen.contacts)
             status = Status.where(chosen.status == Status.running, contacts.status, chosen.status)
             return Chosen(own, contacts.mode, status, self._see(t, after, own, contacts.mode, watch))
 

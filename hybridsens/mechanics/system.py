@@ -156,15 +156,12 @@ class MechanicalSystem(AbstractFlatSystem):
         return relative * mode.length + absolute
 
     def decide(self, event, t, x, mode: ContactMode) -> Decision:
-        """Impact, capture or release, and which contacts are held after it; see `decide_transition`."""
+        """Impact, capture or release, and which contacts are held after it; see `decide_transition`. At the start the
+        contacts that the state holds closed are chosen by the same laws (T2), without an impact."""
         q, v, _ = self.split(x)
         relative, absolute = map(number, self.depth)
         limits = Limits(number(self.capture_speed), (relative, absolute))
         return decide_transition(self.scene, limits, event, Instant(t, q, v), mode)
-
-    def choose(self, event, t, x, mode: ContactMode) -> Decision:
-        """The contacts that the initial state holds closed are chosen by the same laws (T2), without an impact."""
-        return self.decide(event, t, x, mode)
 
     def reset(self, decision: Decision, t, x):
         """v+ = v- + M^-1 G P, q and z unchanged (1.7), (T3); emits the impulses and the closing speed."""

@@ -36,7 +36,7 @@ class WrappedScene(AbstractScene):
         return self.scene.known_discontinuities
 
 
-def as_written(scene: AbstractScene) -> AbstractScene:
+def as_written(scene: Any) -> Any:
     """The scene that the user wrote: the one that a running cost is given."""
     while isinstance(scene, WrappedScene):
         scene = scene.scene

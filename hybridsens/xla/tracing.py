@@ -36,7 +36,7 @@ def _kept(name: str) -> Any:
     return lambda self, *given: ask(self.system, *given)
 
 
-_choose = eqx.filter_jit(lambda system, *given: system.choose(*given))
+_decide = eqx.filter_jit(lambda system, *given: system.decide(*given))
 
 
 class TracedOnce(AbstractFlatSystem):
@@ -53,7 +53,6 @@ class TracedOnce(AbstractFlatSystem):
     reset = _kept("reset")
 
     # What is short, or asked while a program is traced:
-    decide = _asked("decide")
     searches = _asked("searches")
     projects = _asked("projects")
     jump_times = _asked("jump_times")
@@ -68,8 +67,8 @@ class TracedOnce(AbstractFlatSystem):
     turning_scales = _asked("turning_scales")
     grazing_depth = _asked("grazing_depth")
 
-    def choose(self, event, t, x, mode):
-        return _choose(self.system, jnp.asarray(event, int), t, x, mode)  # of one type, to be one trace
+    def decide(self, event, t, x, mode):
+        return _decide(self.system, jnp.asarray(event, int), t, x, mode)  # of one type, to be one trace
 
     def unconstrained(self, mode):
         found = self.system.unconstrained(mode)

@@ -30,7 +30,7 @@ class Nonlinear(AbstractFlatSystem):
         return jnp.stack([x[0] * x[1] - self.p[0] * jnp.sin(t)])
 
     def decide(self, event, t, x, mode):
-        return Decision(~mode, jnp.array(0))
+        return Decision(jnp.where(event < 0, mode, ~mode), jnp.array(0))  # the start leaves it
 
     def reset(self, decision, t, x):
         b = self.p[1]
