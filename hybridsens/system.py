@@ -46,7 +46,7 @@ class AbstractHybridSystem(eqx.Module):
     """
 
     known_discontinuities: ClassVar[bool] = False
-    """Whether kinks and jumps of `flow` and `guards` are known to do no harm: then nobody is warned of them."""
+    """Whether kinks and jumps of `flow` and `guards` are known to do no harm: then no warning is given."""
 
     located_discontinuities: ClassVar[bool] = False
     """Whether comparisons are events: `jnp.where(x > 0, ...)`, `jnp.abs`, `jnp.maximum`, `jnp.minimum`, `jnp.clip`,

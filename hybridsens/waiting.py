@@ -1,5 +1,4 @@
-"""A line while somebody waits, on a terminal or in a notebook: for what, and for how long already. Elsewhere there is
-none."""
+"""Progress lines on a terminal or in a notebook: what is computed, and for how long. Elsewhere there are none."""
 
 import contextvars
 import sys

@@ -146,7 +146,7 @@ class DiffraxAdjoint(AbstractGradientMethod):
 
 
 class ForwardSensitivities(AbstractGradientMethod):
-    """Forward mode: variations carried along the recorded steps, by saltation matrices (T6) through the events.
+    """Forward mode: tangents carried along the recorded steps, by saltation matrices (T6) through the events.
 
     Serves `jax.jvp`, `jax.jacfwd` and their nesting. Costs one tangent pass per direction, and no memory beyond the
     record. The directions of one Jacobian share their steps.

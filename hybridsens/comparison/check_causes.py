@@ -41,7 +41,7 @@ class Cause(NamedTuple):
 
     kind: str
     """"no derivative", "step control", "motion", "discontinuity", "grazing", "simultaneous impacts",
-    "event at a data time", "other events" or "unexplained"."""
+    "event at a data time", "event at a jump time", "other events" or "unexplained"."""
     parameters: tuple[str, ...]
     """In which parameters it is to be looked for."""
     events: tuple[str, ...]

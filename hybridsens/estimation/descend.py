@@ -47,7 +47,7 @@ class Iteration(NamedTuple):
 
 
 class Callbacks(NamedTuple):
-    """Who hears of every iteration."""
+    """What is called after every iteration."""
 
     callback: Callable[[Iteration], Any] | None = None
     """Stops the run by returning True."""

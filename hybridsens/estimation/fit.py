@@ -189,7 +189,7 @@ def _even_if_interrupted(work: Callable[[], Any]) -> Any:
 def _listener(
     progress: bool | Callable[[Iteration], Any], compiled: Callable[[], None]
 ) -> Callable[[Iteration], Any] | None:
-    """Who hears of an iteration; the first of them shows that the program has been compiled."""
+    """What is called after every iteration; the first one shows that the program has been compiled."""
     if not progress:
         return None
     told = _print_line if progress is True else progress
@@ -202,7 +202,7 @@ def _listener(
 
 
 def _start_teller(progress: bool | Callable[[Iteration], Any], count: int, compiled: Callable[[], None]):
-    """Who hears of a start that has ended; a function hears of iterations alone."""
+    """What is called after every start; a function of the user is called after iterations alone."""
 
     def hear(number: int, loss: float) -> None:
         compiled()

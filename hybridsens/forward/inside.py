@@ -15,7 +15,7 @@ MUCH = 1e3
 """A guard that falls by more than `MUCH` times what its rates at the ends explain has jumped."""
 
 BLOCK = 32
-"""Many guards are looked at so many at once, and only where one of them is near zero."""
+"""Many guards are examined in blocks of this size, and only blocks with one near zero."""
 
 
 class Resolution(NamedTuple):

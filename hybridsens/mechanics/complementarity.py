@@ -67,7 +67,7 @@ def complementarity_support(
 
 
 def _searched(problem: _Problem) -> _Search:
-    """Where the search ends that begins with nobody."""
+    """The end of the search that starts from the empty set."""
     vector, n = problem.untouched[:, -1], problem.noise.shape[0]
     alone = jnp.sum(problem.candidates) <= 1  # the usual case: nothing to search
     S = problem.candidates & alone & (vector < -problem.noise)
@@ -156,6 +156,6 @@ def independent_superset(W: Delassus, S: Bool[Array, "n"], candidates: Bool[Arra
         return T, inside, *next_one(T, inside)
 
     more = jnp.any(candidates & ~S)
-    inside = S & ~more  # all there is where nobody is to be added: nothing to search
+    inside = S & ~more  # S itself where no candidate is left to add
     k, eligible = next_one(W.rows, inside)
     return lax.while_loop(lambda carry: carry[3], take, (W.rows, inside, k, eligible & more))[1]

@@ -1,4 +1,4 @@
-"""Who meets at an event: the contacts that are closed there, and what is known of them before any law acts."""
+"""The contacts that take part in an event, and what is known of them before any law acts."""
 
 import dataclasses
 from typing import NamedTuple

@@ -69,7 +69,7 @@ class AbstractScene(eqx.Module):
         super().__init_subclass__(**options)
         warn_of_near_names(cls)
 
-    if not TYPE_CHECKING:  # a checker of types would take the method for leave to assign
+    if not TYPE_CHECKING:  # a type checker would take the method for permission to assign fields
 
         def __setattr__(self, name, value):
             with told_what_to_do(self, name):

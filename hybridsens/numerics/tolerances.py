@@ -1,4 +1,4 @@
-"""What rounding can be told from: the tolerances that everything about events is measured by."""
+"""Sizes below which a difference counts as rounding."""
 
 import jax.numpy as jnp
 

@@ -75,7 +75,7 @@ class Engine:
     def _order(self, batch):
         """Mapped points are dealt out like cards: devices get equal work where it varies smoothly over the points.
 
-        Lanes that run in step stay beside their neighbours, which take about as long as they do."""
+        Points that run in step stay beside their neighbours, which take about as long as they do."""
         order = np.arange(batch)
         return order.reshape(-1, self.mesh.size).T.ravel() if self.mapped else order
 

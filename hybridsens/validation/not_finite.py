@@ -1,4 +1,4 @@
-"""A motion that is not finite: was it given so?"""
+"""Names a parameter or an initial value that is not finite."""
 
 from typing import Any
 

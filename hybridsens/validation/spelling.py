@@ -1,4 +1,4 @@
-"""A name that is not there: which one was meant?"""
+"""Suggests the known name nearest to a misspelt one."""
 
 import difflib
 import inspect

@@ -39,7 +39,7 @@ REDUCTIONS = {
 }
 """What a reduction does with two numbers, and with all of an axis."""
 ORDERS = {lax.argmax_p: operator.gt, lax.argmin_p: operator.lt}
-"""Which of two numbers is wanted."""
+"""The comparison that each of them uses."""
 
 
 def short_reduction(equation: JaxprEqn):
