@@ -1,6 +1,5 @@
 """A warning where functions of a scene or a system have kinks or jumps that no event tells of."""
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 
 import jax
@@ -9,6 +8,7 @@ import jax.numpy as jnp
 from .interval.break_rules import Break
 from .interval.breaks import breaks
 from .system import AbstractHybridSystem
+from .validation.caller import warn_caller
 
 
 class DiscontinuityWarning(UserWarning):
@@ -76,12 +76,11 @@ def warn(found: Mapping[str, list[Break]], times_declared: bool, remedies: Mappi
     moved = {name: frozenset().union(*(b.inputs for b in those)) for name, those in found.items()}
     remedy = " ".join(remedies_for(moved, remedies))
     told = " ".join(f"`{name}` must be smooth, but has {_listed(those)}." for name, those in found.items())
-    warnings.warn(
+    warn_caller(
         f"{told} A kink costs accuracy; a jump makes the gradient wrong, because the shift of its instant is left out. "
         f"{remedy} If it does no harm, set `known_discontinuities = True` in the {owner}, or ignore "
         "`hybridsens.DiscontinuityWarning` by `warnings.filterwarnings`.",
-        DiscontinuityWarning,
-        stacklevel=3,
+        DiscontinuityWarning
     )
 
 

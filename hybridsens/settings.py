@@ -3,7 +3,6 @@
 import functools
 import math
 import os
-import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, TypedDict
 
@@ -20,6 +19,7 @@ from .forward.solver import RunSettings
 from .status import Status
 from .validation.arguments import real_array, real_fraction, real_tolerance
 from .validation.asked import Asked, kind_of
+from .validation.caller import warn_caller
 from .validation.direction import not_differentiable
 from .validation.spelling import did_you_mean
 
@@ -47,10 +47,9 @@ def _tolerances(rtol, atol, dtype):
             if enabled
             else "call `hybridsens.configure(x64=True)` before JAX starts."
         )
-        warnings.warn(
+        warn_caller(
             f"An `rtol` below {finest:.1e} is beyond {dtype} and is raised to it"
-            f"{f', and `atol` in proportion.{double}' if dtype == jnp.float32 else '.'}",
-            stacklevel=4,
+            f"{f', and `atol` in proportion.{double}' if dtype == jnp.float32 else '.'}"
         )
         return finest, atol * (finest / rtol if dtype == jnp.float32 else 1)
     return rtol, atol

@@ -5,7 +5,6 @@ the flow and of its transpose to compile, and keeps of each stage the state at w
 Differentiated by JAX, the loop would keep every number that the transpose needs.
 """
 
-import warnings
 
 import diffrax
 import jax
@@ -15,6 +14,7 @@ from jax import lax
 
 from ..forward.explicit import ExplicitRungeKutta, by_mode
 from ..forward.solver import TERM, step_with_error
+from ..validation.caller import warn_caller
 from .step import RecordedStep, StepBack
 
 MOST_STEPS = 4096
@@ -184,4 +184,4 @@ def _warn_of_drift(missed) -> None:
 
 def _drift_warning(reached) -> None:
     if not reached:  # under `jax.vmap` both branches of a `cond` run
-        warnings.warn(_DRIFT, stacklevel=2)  # one text for all steps, so that Python shows it once
+        warn_caller(_DRIFT)  # one text for all steps, so that Python shows it once

@@ -1,7 +1,6 @@
 """What a work-precision study finds: its points, in a CSV file too, the best of them, and what to choose."""
 
 import csv
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ import numpy as np
 from ..export.one_move import in_one_move
 from ..export.text import preformatted, wrapped
 from ..settings import finest_tolerance
+from ..validation.caller import warn_caller
 from .compare_table import Reference
 
 TARGETS = (1e-4, 1e-6, 1e-8)
@@ -122,7 +122,7 @@ def write_points(path: Path, points: Sequence[Point], reference: Reference, sett
         with in_one_move(path) as draft:
             _write_csv(draft, rows)
     except OSError as error:  # the study itself is worth more
-        warnings.warn(f"{path} cannot be written ({error.strerror}). The study goes on.", stacklevel=2)
+        warn_caller(f"{path} cannot be written ({error.strerror}). The study goes on.")
 
 
 def read_points(path: Path, reference: Reference, settings: Mapping[str, Any]) -> tuple[Point, ...]:

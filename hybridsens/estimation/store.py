@@ -4,7 +4,6 @@ its measurements, and the numbers of its model that are not fitted."""
 import dataclasses
 import hashlib
 import json
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..export.one_move import in_one_move
+from ..validation.caller import warn_caller
 from .data import Measurements
 from .parameters import Selection, check_inside
 from .problem import Problem
@@ -37,7 +37,7 @@ class Store(NamedTuple):
             with in_one_move(self.path) as draft:
                 draft.write_text(json.dumps(kept, indent=2) + "\n")
         except OSError as error:  # the fit itself is worth more
-            warnings.warn(f"{self.path} cannot be written ({error.strerror}). The fit goes on.", stacklevel=2)
+            warn_caller(f"{self.path} cannot be written ({error.strerror}). The fit goes on.")
 
     def read(self) -> np.ndarray | None:
         """Values of the parameters; None if there is no file yet.

@@ -2,7 +2,6 @@
 
 import abc
 import inspect
-import warnings
 from types import CodeType
 
 import jax
@@ -12,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ..interval.kind import Kind, kinds
 from ..validation.asked import Asked
+from ..validation.caller import warn_caller
 from ..validation.returned import described, must_have_shape
 from .scene import AbstractScene
 
@@ -112,10 +112,9 @@ def _warn_of_own_force(cls: type) -> None:
     written = getattr(vars(cls).get("force"), "__code__", None)
     if written is None or "mass_matrix" in vars(cls) or {"super", "LagrangianScene"} & set(written.co_names):
         return
-    warnings.warn(
+    warn_caller(
         f"{cls.__name__} defines `force`, which takes the place of all forces that follow from its energies. Is "
-        "`applied_force` meant, which is added to them? To write all forces by hand, write `mass_matrix` too.",
-        stacklevel=6,
+        "`applied_force` meant, which is added to them? To write all forces by hand, write `mass_matrix` too."
     )
 
 
@@ -131,10 +130,9 @@ def _warn_of_unread_force(cls: type) -> None:
     for name in sorted((vars(cls).keys() & codes.keys()) - mentioned - {"force"}):
         arguments = codes[name].co_varnames[1 : codes[name].co_argcount]
         if arguments == ("t", "q", "v") and ("force" in name or "torque" in name):
-            warnings.warn(
+            warn_caller(
                 f"{cls.__name__} defines `{name}`, which none of its methods mentions. Is `applied_force` meant, which "
-                "is added to the forces that follow from the energies?",
-                stacklevel=6,
+                "is added to the forces that follow from the energies?"
             )
 
 

@@ -6,7 +6,6 @@ zero on it; else the stretch is halved. To find the events that samples miss by 
 and Barton (State event location in differential-algebraic models, 1996). What has no bounds is sampled, and told of.
 """
 
-import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ from ..interval.arithmetic import Interval, point
 from ..interval.enclosure import enclose
 from ..interval.kind import Kind, kinds
 from ..numerics.tolerances import time_resolution
+from ..validation.caller import warn_caller
 from .path import Path
 
 Gap = Callable[[Array, Array], Array]
@@ -173,9 +173,8 @@ def warn_of_sampled(title: str, function: Gap, t, x) -> None:
     over. `title` is what the entries are called, as in "Gaps"."""
     unknown = np.flatnonzero(gap_kinds(function, t, x)[0] == Kind.UNKNOWN).tolist()
     if unknown:
-        warnings.warn(
+        warn_caller(
             f"{title} {unknown} are read from a table or made by a loop or by an operation without known bounds, so a "
             f"dip inside a step is looked for at {round(1 / COARSEST)} places of it or more, and a shorter one is "
-            "missed. Give `max_step`, the time that the shortest dip lasts (t1 - t0 if there is none).",
-            stacklevel=2,
+            "missed. Give `max_step`, the time that the shortest dip lasts (t1 - t0 if there is none)."
         )

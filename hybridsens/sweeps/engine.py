@@ -3,7 +3,6 @@ the digest of that program, by which a store knows it again."""
 
 import functools
 import hashlib
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -16,6 +15,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from ..outcome import SimulationError
+from ..validation.caller import warn_caller
 from .point import Wanted, evaluate
 
 BATCH_AXIS = "batch"
@@ -89,10 +89,9 @@ class Engine:
                 "One point on each device does not fit into memory: lower `max_steps`, `max_events`."
             ) from error
         self.batch = _multiple(batch // 2, self.mesh.size)
-        warnings.warn(
+        warn_caller(
             f"{batch} points at once do not fit into memory; going on with {self.batch}. "
-            "A smaller `chunk`, `max_steps` or `max_events` avoids the attempt.",
-            stacklevel=4,
+            "A smaller `chunk`, `max_steps` or `max_events` avoids the attempt."
         )
 
 

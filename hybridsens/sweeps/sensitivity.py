@@ -1,12 +1,12 @@
 """Global sensitivity of J to the varied parameters, from the points of one sweep."""
 
 import json
-import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..parameters import split_name
+from ..validation.caller import warn_caller
 from .dataset import xarray
 
 if TYPE_CHECKING:
@@ -57,9 +57,9 @@ def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
     derivatives = np.array([_derivative(dataset, name) for name in names])
     good = np.isfinite(dataset.J.values) & np.isfinite(derivatives).all(axis=0)
     if not good.all():
-        warnings.warn(
+        warn_caller(
             f"{np.sum(~good)} of {good.size} points have no J or no gradient and are left out of the measures. Where "
-            "they graze, gradients nearby are large, and the bounds come out too low.", stacklevel=2,
+            "they graze, gradients nearby are large, and the bounds come out too low."
         )  # fmt: skip
     _check_varies("J", dataset.J.values[good])
     variance = np.var(dataset.J.values[good])
@@ -144,8 +144,8 @@ def _resampled(rows: np.ndarray, resamples: int = 500) -> np.ndarray:
 def _complete(rows):
     whole = np.isfinite(rows).all(axis=0)
     if not whole.all():
-        warnings.warn(
-            f"{np.sum(~whole)} of {whole.size} rows have a failed point and are left out of the indices.", stacklevel=3
+        warn_caller(
+            f"{np.sum(~whole)} of {whole.size} rows have a failed point and are left out of the indices."
         )
     if whole.sum() < 2:
         raise ValueError(f"Sobol indices must have at least 2 rows without a failed point, but have {whole.sum()}.")

@@ -2,7 +2,6 @@
 see, and through the mode, which is not differentiated."""
 
 import functools
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +10,8 @@ import jax
 import jax.core
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
+
+from .caller import warn_caller
 
 
 def method_of(name: str) -> Callable:
@@ -52,19 +53,17 @@ def warn_of_mode_after(function: Callable, owner: Any, given: tuple, title: str,
 
     jax.eval_shape(lambda *given: jax.jvp(mode_after, given, given), parameters, moving)
     if names:
-        warnings.warn(
+        warn_caller(
             f"The mode is not differentiated, but {title} writes into {', '.join(sorted(names))} what depends on t, on "
-            f"the state or on a parameter: derivatives miss that. {remedy} {STOP}",
-            stacklevel=3,
+            f"the state or on a parameter: derivatives miss that. {remedy} {STOP}"
         )
 
 
 def undifferentiated(mode: Any) -> Any:
     """An initial mode, held constant; a warning names its real numbers that a derivative is taken by."""
-    warn = lambda name: warnings.warn(
+    warn = lambda name: warn_caller(
         f"The mode is not differentiated, but a derivative is taken by what {name} is made from: it misses that. Make "
-        f"it a field of the system or a part of the state. {STOP}",
-        stacklevel=3,
+        f"it a field of the system or a part of the state. {STOP}"
     )
     return jax.lax.stop_gradient(_leaf_by_leaf(warn, mode))
 

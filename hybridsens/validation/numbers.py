@@ -15,13 +15,14 @@ import decimal
 import functools
 import numbers
 import re
-import warnings
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from .caller import warn_caller
 
 _ARRAY = re.compile(r"\bArray(Like)?\b")
 _CONTAINER = re.compile(r"\b([Ll]ist|[Tt]uple|[Dd]ict|Sequence|Iterable|Mapping|PyTree)\b")
@@ -66,7 +67,7 @@ def told_of_constants(module: Any) -> Any:
     )
     parameters, rest = eqx.partition(module, eqx.is_inexact_array)
     if not jax.tree.leaves(parameters):
-        warnings.warn(message, stacklevel=3)
+        warn_caller(message)
     # The parameters alone pass through: what is a number or a function here stays what it is.
     return eqx.combine(_told(message, parameters), rest)
 
@@ -78,7 +79,7 @@ def _told(message: str, parameters: Any) -> Any:
 
 @_told.defjvp
 def _told_jvp(message: str, primals, tangents):
-    warnings.warn(message, stacklevel=2)
+    warn_caller(message)
     return primals[0], tangents[0]
 
 

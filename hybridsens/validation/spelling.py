@@ -2,8 +2,9 @@
 
 import difflib
 import inspect
-import warnings
 from collections.abc import Iterable
+
+from .caller import warn_caller
 
 
 def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
@@ -25,8 +26,7 @@ def warn_of_near_names(cls: type) -> None:
         alike = [of_base for of_base in defaults if callable(getattr(cls, of_base)) == callable(getattr(cls, name))]
         near = difflib.get_close_matches(name, alike, n=1, cutoff=0.85)
         if near:
-            warnings.warn(
+            warn_caller(
                 f"{cls.__name__} defines `{name}`, which nothing reads. Is `{near[0]}` meant? If not, choose a name "
-                "that is less near to it.",
-                stacklevel=6,
+                "that is less near to it."
             )
