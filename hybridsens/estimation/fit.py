@@ -50,7 +50,7 @@ def fit(
     starts: int | RandomStarts = 1,
     max_iterations: int = 100,
     patience: int = 20,
-    progress: bool | Callable[[Iteration], Any] = False,
+    progress: bool | Callable[[Iteration], Any] | None = None,
     store: str | Path | None = None,
     **settings: Unpack[Settings],
 ) -> FitResult:
@@ -92,9 +92,9 @@ def fit(
     - `starts`: descend from so many points around the guess, and go on from the best: a number, or
       `RandomStarts(count, spread, seed)`. After Ctrl-C the best of those that have finished is returned.
     - `max_iterations`: the most iterations; `patience`: how many may pass without improvement.
-    - `progress`: print a line for every iteration, and how long compiling takes before the first; or a
-      function that is called with every `Iteration`, and stops the fit by returning True. Ctrl-C ends it too. The best
-      point so far is returned, if there is one; `fit(result.scene, ...)` goes on.
+    - `progress`: True prints a line for every iteration; a function is called with every `Iteration`, and stops the
+      fit by returning True. None, the default, shows on a terminal or in a notebook what is computed; False nothing.
+      Ctrl-C ends a fit too. The best point so far is returned, if there is one; `fit(result.scene, ...)` goes on.
     - `store`: a JSON file that holds the best values at any time. If it is there already, the fit goes on from them
       instead of the scene's. That of other measurements, another model, other numbers in it that are not fitted, or
       another beginning is refused.
@@ -120,7 +120,8 @@ def fit(
     plain, several, interrupted = chosen_method(optimizer), None, False
     method = Growing(plain, strategy) if strategy is not None else plain
     with ExitStack() as until_first_line:
-        until_first_line.enter_context(waiting("compiling", bool(progress)))
+        what = "compiling" if progress else "compiling and fitting"
+        until_first_line.enter_context(waiting(what, progress is not False))
         listener = _listener(progress, until_first_line.close)
         problem = with_sizes(method, problem, measured)
         keeper = None if keeper is None else keeper._replace(selection=problem.selection)
@@ -136,7 +137,7 @@ def fit(
             descents = [_report(plain, problem, z, callbacks, INTERRUPTED)]
         else:
             descents = _to_the_end(method, problem, z, Limits(max_iterations, patience), callbacks)
-    with waiting("compiling intervals", bool(progress)):
+    with waiting("compiling intervals", progress is not False):
         return _even_if_interrupted(lambda: build_result(method, problem, measured, guess, descents, several))
 
 
@@ -187,7 +188,7 @@ def _even_if_interrupted(work: Callable[[], Any]) -> Any:
 
 
 def _listener(
-    progress: bool | Callable[[Iteration], Any], compiled: Callable[[], None]
+    progress: bool | Callable[[Iteration], Any] | None, compiled: Callable[[], None]
 ) -> Callable[[Iteration], Any] | None:
     """What is called after every iteration; the first one shows that the program has been compiled."""
     if not progress:
@@ -201,7 +202,7 @@ def _listener(
     return hear
 
 
-def _start_teller(progress: bool | Callable[[Iteration], Any], count: int, compiled: Callable[[], None]):
+def _start_teller(progress: bool | Callable[[Iteration], Any] | None, count: int, compiled: Callable[[], None]):
     """What is called after every start; a function of the user is called after iterations alone."""
 
     def hear(number: int, loss: float) -> None:

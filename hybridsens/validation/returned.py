@@ -74,7 +74,8 @@ def described(asked: Asked, value) -> jax.ShapeDtypeStruct:
     except (TypeError, ValueError) as error:  # NumPy has arrays that JAX has not: objects, texts, masks
         raise TypeError(f"{must} {type(value).__name__} of {value.dtype}.") from error
     if not jnp.issubdtype(kind, jnp.floating):
-        remedy = ": write 1.0 in place of 1, in it or in a field that it uses" if jnp.issubdtype(kind, jnp.integer) else ""
+        where = ": write 1.0 in place of 1, in it or in a field that it uses"
+        remedy = where if jnp.issubdtype(kind, jnp.integer) else ""
         raise TypeError(f"`{asked.name}` must return real numbers, but {asked.it}returns {kind}{remedy}.")
     return jax.ShapeDtypeStruct(value.shape, kind)
 

@@ -1,14 +1,16 @@
 """What a fit must not be certain of: exact data, and parameters that nothing measured depends on."""
 
 import functools
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from hybridsens.estimation import fit, measurements
+from hybridsens.estimation.doubts import doubts
 from hybridsens.estimation.report import remarks
-from hybridsens.estimation.uncertainty import Noise, uncertainty
+from hybridsens.estimation.uncertainty import Noise, neighbour_correlation, uncertainty
 from hybridsens.scenes import BouncingBall
 from hybridsens.solve import solve
 from tests.problems.hybrid_systems import Decay
@@ -120,3 +122,19 @@ def test_a_few_wild_values_are_told():
     found = remarks(fit(Falling(height=1.1), measurements(TIMES, wild), parameters=["height"]))
     assert any("of q0 are more than 7 times as large as most others at rows 3, 11" in remark for remark in found)
     assert not any("most others" in remark for remark in _fitted(1e-6).remarks)
+
+
+def test_residuals_that_are_no_noise_may_tell_of_another_minimum():
+    """Assert that the report says so where neighbours are alike or sigmas are exceeded, and not of noise."""
+
+    def found(residuals, noise):
+        result = SimpleNamespace(
+            uncertainty=SimpleNamespace(exact=False, noise=noise, freedom=17, quantile_freedom=np.inf),
+            data=SimpleNamespace(names=("q",), values=FALL[:, None], sigmas=None, sigmas_known=True),
+            residuals=residuals[:, None], scene=None, events_missing=(),
+            residual_correlation={"q": neighbour_correlation(residuals)},
+        )  # fmt: skip
+        return [remark for remark in doubts(result) if "not the lowest minimum" in remark]
+
+    assert not found(0.01 * NOISE, 1.0)
+    assert len(found(0.01 * NOISE, 3.0)) == len(found(0.01 * np.cos(TIMES), 1.0)) == 1

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from hybridsens.estimation.report import _directions, _way
+from hybridsens.estimation.report import _directions, _starts, _way
 from hybridsens.estimation.uncertainty import weak_directions
 
 LABELS = ("log_ka", "log_cl")
@@ -46,3 +46,13 @@ def test_several_starts_tell_the_way_of_the_best():
     assert _way(fitted) == "1 iteration: loss 0.5 -> 0.5"
     fitted.history[0].stage = "horizon 1"  # its loss is that of the beginning of the record
     assert _way(fitted) == "1 iteration: loss 0.5"
+
+
+def test_one_start_alone_at_the_best_loss_asks_for_more():
+    """And starts that failed, for bounds."""
+    starts = lambda *loss: SimpleNamespace(loss=np.array(loss), iterations=np.arange(3, 3 + len(loss)))
+    assert _starts(starts(3.0, 0.5, np.inf)) == (
+        "3 starts of 3 to 5 iterations: 1 alone ended within 1 % of the best loss, so take more; 1 failed (`bounds` "
+        "keep to where motions exist)"
+    )
+    assert _starts(starts(0.5, 0.5)) == "2 starts of 3 to 4 iterations: 2 ended within 1 % of the best loss; 0 failed"

@@ -94,7 +94,7 @@ METHODS = [
     (Ball, "jump_times", lambda self, t: t, r"def jump_times\(self\)`, but is `<lambda>\(self, t\)` in Odd"),
     (Ball, "force", lambda self, t, q, v: None, "`force` must .* that of Odd returns None: is a `return` missing"),
     (Ball, "force", lambda self, t, q, v: (q[0],), r"that of Odd returns tuple: make it an array by jnp.array"),
-    (Ball, "force", lambda self, t, q, v: jnp.array([1]), "returns int64: write 1.0 in place of 1, in it or in a field"),
+    (Ball, "force", lambda self, t, q, v: jnp.array([1]), "write 1.0 in place of 1, in it or in a field"),
     (Ball, "force", lambda self, t, q, v: q[0], r"\(1,\), but that of Odd returns shape \(\): put the number into"),
     (Ball, "restitution", lambda self: jnp.ones(2), "It must have an entry for each gap"),
     (Energies, "kinetic_energy", lambda self, v: v @ v, r"def kinetic_energy\(self, q, v\)`, but is .* in Odd"),
