@@ -19,6 +19,8 @@ from ..validation.caller import warn_caller
 from .point import Wanted, evaluate
 
 BATCH_AXIS = "batch"
+ROOMS = tuple(4**power for power in range(3, 16))
+"""Numbers of points that mapped batches have room for, so that most other numbers find their program compiled."""
 
 # One point as a program of its own: shapes, fingerprint and batches share what was traced, in this sweep and the next.
 evaluate_once = eqx.filter_jit(evaluate)
@@ -36,9 +38,9 @@ class Program(NamedTuple):
 class Engine:
     """Runs batches of points. `run` takes columns (point, ...) and returns results (point, ...), both as NumPy arrays.
 
-    On a CPU each device runs its points one after the other (`lax.map`), so that no point waits for another; elsewhere
-    all points of a device run in step (`jax.vmap`). A batch that does not fit into memory is halved, with a warning,
-    and stays halved.
+    On a CPU each device runs its points one after the other, so that no point waits for another, and room that is left
+    costs nothing; elsewhere all points of a device run in step (`jax.vmap`). A batch that does not fit into memory is
+    halved, with a warning, and stays halved.
     """
 
     def __init__(self, program: Program, batch: int, devices: Sequence[Any] | None, mapped: bool | None):
@@ -46,13 +48,14 @@ class Engine:
         self.program = program
         self.mesh = Mesh(np.array(devices), (BATCH_AXIS,))
         self.mapped = devices[0].platform == "cpu" if mapped is None else mapped
-        self.batch = _multiple(batch, len(devices))
+        room = next((room for room in ROOMS if room >= batch), batch) if self.mapped else batch
+        self.batch = _multiple(room, len(devices))
 
     def run(self, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """All points, in as many batches as memory needs."""
         size, parts, start = len(next(iter(columns.values()))), [], 0
         while start < size:
-            batch = min(self.batch, _multiple(size, self.mesh.size))
+            batch = self.batch if self.mapped else min(self.batch, _multiple(size, self.mesh.size))
             stop = min(start + batch, size)
             try:
                 parts.append(self._run_batch({name: column[start:stop] for name, column in columns.items()}, batch))
@@ -64,11 +67,12 @@ class Engine:
 
     def _run_batch(self, columns, batch):
         given = len(next(iter(columns.values())))
+        count = _multiple(given, self.mesh.size) // self.mesh.size  # on each device
         order = self._order(batch)
         rows = np.minimum(order, given - 1)  # a batch is filled up with its last point, so that its shape never changes
         sharding = NamedSharding(self.mesh, PartitionSpec(BATCH_AXIS))
         sharded = {name: jax.device_put(column[rows], sharding) for name, column in columns.items()}
-        results = _run(self.program.cost, self.program.scene, self.program.wanted, sharded, self.mesh, self.mapped)
+        results = _run(self.program, sharded, jnp.asarray(count), self.mesh, self.mapped)
         back = np.argsort(order)[:given]
         return {name: np.asarray(result)[back] for name, result in jax.block_until_ready(results).items()}
 
@@ -81,8 +85,12 @@ class Engine:
 
     def _halve(self, error, batch):
         if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" not in str(error):
-            if SimulationError.__name__ in str(error):  # JAX makes its own error of what a compiled program raises
-                error.add_note("A point of a sweep may fail by itself: write simulate(..., throw=False) in the cost.")
+            _, raised, told = str(error).partition(f"{SimulationError.__name__}: ")
+            if raised:  # JAX makes its own error of what a compiled program raises
+                raise SimulationError(
+                    "A point of a sweep must fail by itself, but one ended the sweep: write simulate(..., throw=False) "
+                    f"or solve(..., throw=False) in the cost. {told}"
+                ) from error
             raise error
         if batch <= self.mesh.size:
             raise MemoryError(
@@ -96,18 +104,27 @@ class Engine:
 
 
 @eqx.filter_jit
-def _run(cost, scene, wanted: Wanted, columns, mesh: Mesh, mapped: bool):
-    arrays, static = eqx.partition((cost, scene), eqx.is_array)
+def _run(program: Program, columns, count, mesh: Mesh, mapped: bool):
+    arrays, static = eqx.partition(program, eqx.is_array)
 
-    def shard(arrays, columns):
-        cost, scene = eqx.combine(arrays, static)
-        point = functools.partial(evaluate_once, cost, scene, wanted)
-        return lax.map(point, columns) if mapped else jax.vmap(point)(columns)
+    def shard(arrays, count, columns):
+        point = functools.partial(evaluate_once, *eqx.combine(arrays, static))
+        return _one_by_one(point, columns, count) if mapped else jax.vmap(point)(columns)
 
     everywhere, by_point = PartitionSpec(), PartitionSpec(BATCH_AXIS)
     # Without following what varies over the mesh: Diffrax's loops begin with constants, which vary over nothing.
-    sharded = jax.shard_map(shard, mesh=mesh, in_specs=(everywhere, by_point), out_specs=by_point, check_vma=False)
-    return sharded(arrays, columns)
+    given = everywhere, everywhere, by_point
+    sharded = jax.shard_map(shard, mesh=mesh, in_specs=given, out_specs=by_point, check_vma=False)
+    return sharded(arrays, count, columns)
+
+
+def _one_by_one(point, columns, count):
+    """The results of the first `count` points, and zeros for the others, which are not run."""
+    row = lambda k: jax.tree.map(lambda column: column[k], columns)
+    room = jax.tree.leaves(columns)[0].shape[0]
+    blank = jax.tree.map(lambda s: jnp.zeros((room, *s.shape), s.dtype), jax.eval_shape(point, row(0)))
+    write = lambda k, rows: jax.tree.map(lambda of, new: of.at[k].set(new), rows, point(row(k)))
+    return lax.fori_loop(0, count, write, blank)
 
 
 def shapes(program: Program, columns: dict[str, np.ndarray]) -> dict[str, jax.ShapeDtypeStruct]:

@@ -4,7 +4,6 @@ import subprocess
 import sys
 import warnings
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,8 +11,7 @@ import xarray as xr
 
 import hybridsens
 from hybridsens.scenes import BouncingBall
-from hybridsens.sweeps import engine as engine_module
-from hybridsens.sweeps import grid, random, status_counts, sweep
+from hybridsens.sweeps import grid, status_counts, sweep
 
 HEIGHTS, RESTITUTIONS, G, T = np.linspace(1.0, 8.0, 8), np.linspace(0.7, 0.9, 3), 9.81, 1.0
 
@@ -157,24 +155,6 @@ def test_one_name_is_a_gradient_too():
         sweep(lambda s: s["mass"] ** 2, design, gradient="masss", progress=False)
 
 
-def test_a_batch_too_large_for_memory_is_halved(monkeypatch):
-    """Assert that a device which only takes 8 lanes at once gives every point all the same, with a word."""
-    run, seen = engine_module._run, []
-
-    def small(cost, scene, wanted, columns, mesh, mapped):
-        seen.append(len(columns["a"]))
-        if seen[-1] > 8:
-            raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 1 bytes.")
-        return run(cost, scene, wanted, columns, mesh, mapped)
-
-    monkeypatch.setattr(engine_module, "_run", small)
-    design = random({"a": jnp.array(1.0)}, {"a": (0.0, 1.0)}, 45)
-    with pytest.warns(UserWarning, match="do not fit into memory"):
-        found = sweep(lambda s: s["a"] ** 2, design, progress=False, chunk=30)
-    np.testing.assert_allclose(found.J, design.columns["a"] ** 2, rtol=1e-15)
-    assert seen[:3] == [23, 11, 5] and set(seen[3:]) == {5}
-
-
 @pytest.mark.slow
 def test_lanes_in_step_give_what_lanes_one_by_one_give(dataset):
     """Assert that mapped and vmapped lanes agree to rounding (the second is how accelerators run)."""
@@ -244,6 +224,5 @@ def test_a_point_that_raises_says_what_to_do():
     def thrown(ball):
         return hybridsens.simulate(ball, ball.initial_state(), t1=T, max_events=4, max_steps=64).final.q[0]
 
-    with pytest.raises(jax.errors.JaxRuntimeError, match="penetrates") as caught:
+    with pytest.raises(hybridsens.SimulationError, match="throw=False.* penetrates"):
         sweep(thrown, grid(Ball(), {"height": [1.0, -1.0]}), progress=False)
-    assert any("throw=False" in note for note in caught.value.__notes__)
