@@ -22,6 +22,10 @@ from .guards import GuardsAtStart, scales_at, turning_at_zero
 from .inside import Inside, Resolution, is_divisible, look_inside
 from .record import StepRecord
 
+BLUR = 1e-8
+"""What rounding may blur of the step that the error control would take. A step as short as that is no sign that an
+event was passed by: the next one goes on as if it were the same."""
+
 LEAST_SEARCHED = 1 / 64
 """Where a search is given up, the step is cut where the search got to, if that is at least this fraction of the step.
 Else the step is kept, and the motion counts as grazing; if no guard can graze, the step is cut at this fraction."""
@@ -45,7 +49,7 @@ class LocatorState(eqx.Module):
     """Rounding granted to guards that the segment started on and has not left yet."""
     shortenings: Int[Array, ""]
     """How many times in a row the step was shortened to end on an event; 0 again after a step that is kept, unless that
-    fell short of it."""
+    fell short of it or was one of the shortest."""
     free_step: Float[Array, ""]
     """The step that the error control would take if there were no event."""
     rejected: Int[Array, ""]
@@ -142,7 +146,10 @@ class EventLocator(diffrax.AbstractStepSizeController):
         next_t0 = jnp.where(keep, t1, t0)
 
         # Then the new state.
-        shortenings = jnp.where(fell_short | ~keep, state.shortenings, 0)
+        is_short = h <= resolution.blur
+        goes_on = fell_short | (keep & is_short)
+        shortenings = jnp.where(goes_on | ~keep, state.shortenings, 0)
+        tries_again = retry_at_root | (must_split & is_short & (state.shortenings > 0))
         new = LocatorState(
             # The error control forgets a step that was rejected for an event and not for its error.
             inner=jax.tree.map(lambda new, old: jnp.where(accurate & ~keep, old, new), inner, state.inner),
@@ -151,7 +158,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
             guard=jnp.where(keep, jnp.where(turns, 0, jnp.maximum(guard, 0)), state.guard),
             rate=jnp.where(keep, jnp.where(turns, jnp.maximum(rate, 0), rate), state.rate),
             noise=jnp.where(keep, jnp.where(guard > noise, 0, noise), state.noise),
-            shortenings=jnp.where(retry_at_root, state.shortenings + 1, shortenings),
+            shortenings=jnp.where(tries_again, state.shortenings + 1, shortenings),
             free_step=self._free_step(h, t1, next_t1 - next_t0, accurate, verdict, state),
             rejected=state.rejected + ~keep,
             landed_on=inside.landed_on,
@@ -171,7 +178,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
         depth = jnp.broadcast_to(system.grazing_depth(mode), step.guard1.shape)
         size = scales_at(system, step.t1, step.x1, mode, step.guard1)[0] + system.clock_scales(step.t1, mode)
         rounded = rounding(step.guard1.dtype) * size
-        return Resolution(rounded, noise, turns, state.shortenings, self.stop, depth)
+        return Resolution(rounded, noise, turns, state.shortenings, BLUR * state.free_step, self.stop, depth)
 
     def _free_step(self, h, t1, next_h, accurate, verdict: Verdict, state: LocatorState):
         """The step that the error control would take if there were no event."""

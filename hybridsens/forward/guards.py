@@ -14,7 +14,8 @@ class GuardsAtStart(eqx.Module):
     guard: Float[Array, "guard"]
     rate: Float[Array, "guard"]
     noise: Float[Array, "guard"]
-    """Rounding to be granted to a guard that the segment starts on without a rate; 0 for every other guard."""
+    """Rounding to be granted to a guard that the segment starts on without a rate, and to one that an event left below
+    zero; 0 for every other guard."""
     leaving: Bool[Array, "guard"]
     """Guards that the segment starts on."""
     triggered: Bool[Array, "guard"]
@@ -36,7 +37,10 @@ def guards_at_start(system, t, x, mode) -> GuardsAtStart:
     leaving = (guard <= noise) & ~triggered & (rate >= -rate_noise)
     lifting = leaving & (rate <= rate_noise)  # without a rate, only its acceleration carries it off
     jumped = guard < -noise - time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
-    return GuardsAtStart(guard, rate, jnp.where(lifting, noise, 0), leaving, triggered, jumped)
+    below = leaving & (guard < -rounding(x.dtype) * size)  # it takes a while to rise to zero: no crossing
+    # Half of what counts as zero, and little more than it was below: what strikes there again is not too deep.
+    granted = jnp.maximum(jnp.where(lifting, noise / 2, 0), jnp.where(lifting | below, -1.0001 * guard, 0))
+    return GuardsAtStart(guard, rate, granted, leaving, triggered, jumped)
 
 
 def scales_at(system, t, x, mode, guard) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import StepEnds
 from ..numerics.cubic import first_falling_root, hides_a_dip, tangents_meet_below
-from ..numerics.tolerances import AT_END, closeness, rounding, time_resolution
+from ..numerics.tolerances import AT_END, MOST_RELAXED, closeness, rounding, time_resolution
 from .guards import first_to_fall
 
 MUCH = 1e3
@@ -29,6 +29,8 @@ class Resolution(NamedTuple):
     """Guards that turn on zero at the end of the step, without falling through it."""
     shortenings: Int[Array, ""]
     """How many times in a row the step was shortened to end on an event: each relaxes how exactly."""
+    blur: Float[Array, ""]
+    """How long rounding may blur when a guard falls, where it does so for longer than time itself is rounded."""
     stop: Float[Array, ""]
     """Where the solve ends without an event."""
     depth: Float[Array, "guard"]
@@ -156,10 +158,11 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     cubic = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
     split = jnp.min(tangents_meet_below(*cubic), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*cubic), 0.5, split)
-    split = jnp.where(is_divisible(t0, h), split, jnp.inf)
+    split = jnp.where(is_divisible(t0, h) & ~_is_tired(step, resolution), split, jnp.inf)
     split = jnp.where(finite, split, 0.5)
     falls = (rate < 0) & ~resolution.turns
-    to_go = jnp.min(jnp.where(falls, guard / jnp.where(falls, -rate, 1), jnp.inf), initial=jnp.inf)
+    above = jnp.maximum(guard + resolution.noise, 0)
+    to_go = jnp.min(jnp.where(falls, above / jnp.where(falls, -rate, 1), jnp.inf), initial=jnp.inf)
     landed_on, since_zero = first_to_fall(on_guard, guard, jnp.where(jumped, -jnp.inf, rate))
     grazes, jumps = jnp.any(miss <= resolution.depth), jnp.any(on_guard & jumped)
     ends_there = jnp.any(on_guard)
@@ -170,14 +173,24 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
     """Guards that are zero at the candidate's end, to what time and rounding can resolve, and falling; and which of
     all have jumped below zero."""
     h, guard, rate, rounded = step.t1 - step.t0, step.guard1, step.rate1, resolution.rounding
-    close = jnp.abs(guard) <= rounded - time_resolution(step.t1, resolution.shortenings) * rate
+    # One that the segment has not left yet is looked for where it falls through -noise.
+    size = jnp.minimum(jnp.abs(guard), jnp.abs(guard + resolution.noise))
+    close = size <= rounded - time_resolution(step.t1, resolution.shortenings) * rate
     below_after_shortest = (h <= time_resolution(step.t0, 1)) & (guard < 0)
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.
     fell = step.guard0 - guard
+    # Rounding makes a guard a staircase. That of a multiplier is not known, but a fall that is met again and again, and
+    # that its rate explains within `blur`, is one stair.
+    close |= _is_tired(step, resolution) & (guard < 0) & (fell <= resolution.blur * jnp.abs(rate))
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))
     counts_as_zero = closeness(guard.dtype) / rounding(guard.dtype) * rounded
     jumped = below_after_shortest & (fell > explained + counts_as_zero)
     return _may_fire(resolution) & (((rate < 0) & (close | below_after_shortest)) | jumped), jumped
+
+
+def _is_tired(step: StepEnds, resolution: Resolution) -> Bool[Array, ""]:
+    """Whether steps as short as rounding allows have been tried for an event, again and again."""
+    return (resolution.shortenings > MOST_RELAXED) & (step.t1 - step.t0 <= resolution.blur)
 
 
 def _may_fire(resolution: Resolution) -> Bool[Array, "guard"]:
