@@ -22,7 +22,7 @@ from .guards import GuardsAtStart, scales_at, turning_at_zero
 from .inside import Inside, Resolution, is_divisible, look_inside
 from .record import StepRecord
 
-BLUR = 1e-8
+BLUR = 1e-6
 """What rounding may blur of the step that the error control would take. A step as short as that is no sign that an
 event was passed by: the next one goes on as if it were the same."""
 

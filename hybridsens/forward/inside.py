@@ -179,9 +179,10 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
     below_after_shortest = (h <= time_resolution(step.t0, 1)) & (guard < 0)
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.
     fell = step.guard0 - guard
-    # Rounding makes a guard a staircase. That of a multiplier is not known, but a fall that is met again and again, and
-    # that its rate explains within `blur`, is one stair.
-    close |= _is_tired(step, resolution) & (guard < 0) & (fell <= resolution.blur * jnp.abs(rate))
+    # Rounding makes a guard a staircase. How high the stairs of a multiplier are is not known, but one that its rate
+    # would pass within `blur`, and that shorter steps do not get down from, is no more than a stair from zero.
+    stair = jnp.maximum(step.guard0, jnp.abs(guard))
+    close |= _is_tired(step, resolution) & (stair <= resolution.blur * jnp.abs(rate))
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))
     counts_as_zero = closeness(guard.dtype) / rounding(guard.dtype) * rounded
     jumped = below_after_shortest & (fell > explained + counts_as_zero)
