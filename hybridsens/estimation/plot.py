@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..export.names import split_unit
-from ..plot.figure import ABOVE, new_figure, whole_ticks
+from ..plot.figure import legend_above, new_figure, whole_ticks
 from ..system import AbstractHybridSystem
 
 _FEW_EVENTS = 30
@@ -37,7 +37,7 @@ def _plot_data(axes: Any, result: Any) -> None:
         line = axes.plot(times, fitted[:, i], linewidth=1.0, label=name)[0]
         axes.plot(data.times, data.values[:, i], ".", color=line.get_color(), alpha=0.5)
     _mark_events(axes, result)
-    _label(axes, _time(result), "data (dots) and fit (lines); dashed lines are events", len(data.names))
+    _label(axes, _time(result), "data (dots) and fit (lines); dashed lines are events")
     axes.set_ylabel(_ordinate(data.names))
 
 
@@ -66,34 +66,39 @@ def _plot_residuals(axes: Any, result: Any) -> None:
     for i, name in enumerate(result.data.names):
         axes.plot(result.data.times, result.residuals[:, i], ".", label=name)
     if result.event_residuals.size:
-        axes.plot(result.data.event_times, result.event_residuals, "x", label="event times")
+        unit = _time(result).removeprefix("time")
+        axes.plot(result.data.event_times, result.event_residuals, "x", label=f"event times{unit}")
     axes.axhline(0, color="black", linewidth=0.8)
     _mark_events(axes, result)
-    shown = len(result.data.names) + bool(result.event_residuals.size)
     alone = "" if result.data.names else "; dashed lines are events"
-    _label(axes, _time(result), f"residuals (model - measurement){alone}", shown)
+    _label(axes, _time(result), f"residuals (model - measurement){alone}")
     axes.set_ylabel("" if result.event_residuals.size else _ordinate(result.data.names))
 
 
 def _plot_convergence(axes: Any, result: Any) -> None:
-    """A line for each stage: their losses are not those of one problem."""
+    """A line for each stage: their losses are not those of one problem. Of several starts, where each ended."""
     loss, first = np.array([line.loss for line in result.history]), 0
     for _, lines in itertools.groupby(result.history, key=lambda line: line.stage):
         end = first + len(list(lines))
         axes.semilogy(np.arange(first, end), loss[first:end], ".-", color="C0")
         first = end
     changed = [i for i, line in enumerate(result.history) if line.sequence_changed]
-    axes.semilogy(changed, loss[changed], "o", fillstyle="none", color="C1", label="event sequence changed")
+    if changed:
+        axes.semilogy(changed, loss[changed], "o", fillstyle="none", color="C1", label="event sequence changed")
+    if result.starts is not None:
+        ended = np.isfinite(result.starts.loss)
+        ends = np.asarray(result.starts.iterations)[ended], np.asarray(result.starts.loss)[ended]
+        axes.semilogy(*ends, "x", color="C2", label="end of a start")
     axes.xaxis.set_major_locator(whole_ticks())
-    _label(axes, "evaluation", "loss, stage by stage", len(changed))
+    several = len({line.stage for line in result.history}) > 1
+    _label(axes, "iteration", "loss, stage by stage" if several else "loss")
 
 
-def _label(axes: Any, below: str, title: str, named: int) -> None:
+def _label(axes: Any, below: str, title: str) -> None:
     """What is drawn, to the left, and names beside it, where they cover nothing."""
     axes.set_xlabel(below)
     axes.set_title(title, loc="left", fontsize="medium")
-    if named:
-        axes.legend(ncols=min(named, 4), **ABOVE)
+    legend_above(axes)
 
 
 def _mark_events(axes: Any, result: Any) -> None:

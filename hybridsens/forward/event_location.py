@@ -17,7 +17,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..flat_system import StepEnds
-from ..numerics.tolerances import rounding, time_resolution
+from ..numerics.tolerances import MOST_RELAXED, rounding, time_resolution
 from .guards import GuardsAtStart, scales_at, turning_at_zero
 from .inside import Inside, Resolution, is_divisible, look_inside
 from .record import StepRecord
@@ -167,8 +167,9 @@ class EventLocator(diffrax.AbstractStepSizeController):
             finite=jnp.all(jnp.isfinite(y1_candidate)) & inside.finite,
             crawled=jnp.where(keep, jnp.where(h <= time_resolution(t0, 1), state.crawled + 1, 0), state.crawled),
         )
-        # A step of a few units of the last place is as long once more, by rounding, and would fail for ever.
-        again = ~accurate & ~(next_t1 < t1)
+        # A step of a few units of the last place is as long once more, by rounding, and would fail for ever; so would
+        # one to an event that it does not end on, however little is asked for.
+        again = ~keep & ~(next_t1 < t1) & (~accurate | (state.shortenings > MOST_RELAXED))
         return keep, next_t0, next_t1, False, new, self._result(next_t0, next_t1, again, keep, landed, new)
 
     def _resolution(self, system, mode, step: StepEnds, state: LocatorState) -> Resolution:

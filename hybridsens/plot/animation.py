@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
-from .figure import LINES, Picture, must_be_sampled
+from .figure import COLOURS, Picture, must_be_sampled
 
 MOST_FRAMES = 600
 
@@ -113,7 +113,7 @@ def _moving(frames, times, size, interval: float) -> FuncAnimation:
     figure = Picture(figsize=size, layout="constrained")
     axes = figure.subplots()
     _frame_axes(axes, np.concatenate([body for bodies in frames for body in bodies]))
-    lines = [axes.plot([], [], color=LINES[i % len(LINES)][0], linewidth=2)[0] for i in range(len(frames[0]))]
+    lines = [axes.plot([], [], color=COLOURS[i % len(COLOURS)], linewidth=2)[0] for i in range(len(frames[0]))]
     clock = axes.text(0.02, 0.98, "", transform=axes.transAxes, va="top", family="monospace", fontsize="small")
 
     def show(k: int):

@@ -11,8 +11,8 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
 from ..numerics.tolerances import closeness
-from .figure import ABOVE, LINES, must_be_sampled, new_figure
-from .motion import with_events
+from .figure import legend_above, line, must_be_sampled, new_figure
+from .motion import contacts_shown, with_events
 
 
 def contact_forces(scene: AbstractScene, trajectory: Trajectory):
@@ -45,17 +45,22 @@ def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
     figure = new_figure((8, 4.5))
     above, below = figure.subplots(2, 1, sharex=True)
     events, n = trajectory.events, int(trajectory.events.count)
-    for i, name in enumerate(names):
-        colour, style = LINES[i % len(LINES)]
-        above.plot(t, forces[:, i], style, color=colour, linewidth=1.4, label=f"contact {name}")
+    shown = contacts_shown(trajectory)
+    for number, i in enumerate(shown):
+        style = line(number)
+        above.plot(t, forces[:, i], **style, linewidth=1.4, label=f"contact {names[i]}")
         impulse, time = np.asarray(events.impulse[:n, i]), np.asarray(events.time[:n])
-        below.vlines(time[impulse != 0], 0, impulse[impulse != 0], color=colour, linestyle=style, linewidth=1.6)
-        below.plot(time[impulse != 0], impulse[impulse != 0], "o", color=colour, markersize=4)
+        below.vlines(time[impulse != 0], 0, impulse[impulse != 0], **style, linewidth=1.6)
+        below.plot(time[impulse != 0], impulse[impulse != 0], "o", color=style["color"], markersize=4)
+    if len(shown) < len(names):
+        below.set_title(f"{len(shown)} of {len(names)} contacts", loc="left", fontsize="small")
+    if not np.any(forces):  # an axis of its own choice would show as if something small were there
+        above.set_yticks([0])
     above.set_ylabel(f"force of held\ncontacts{unit_of_contact(scene, 'N')}")
     below.set_ylabel(f"impulse of\nimpacts{unit_of_contact(scene, 'N s')}")
     below.set_xlabel("time [s]")
     below.set_ylim(bottom=0)
-    above.legend(ncols=len(names), **ABOVE)
+    legend_above(above)
     return figure
 
 

@@ -11,7 +11,7 @@ from ..export.names import coordinate_names, split_unit
 from ..mechanics.scene import AbstractScene, State
 from ..mechanics.trajectory import Trajectory
 from ..outcome import end_told
-from .figure import ABOVE, LINES, must_be_sampled, new_figure
+from .figure import legend_above, line, must_be_sampled, new_figure
 
 ROUNDING = 1e-10
 """A derivative that is so much smaller than the largest one is drawn as zero."""
@@ -34,7 +34,7 @@ def plot_gradients(axes: Axes, names: list[str], gradients: dict[str, Float[np.n
     axes.set_yticks(np.arange(len(names)), [name.replace("_", " ") for name in names])
     axes.set_xlabel("dJ/dtheta, scaled per parameter")
     axes.invert_yaxis()
-    axes.legend(ncols=len(gradients), columnspacing=1, handlelength=1.5, **ABOVE)
+    legend_above(axes, columnspacing=1, handlelength=1.5)
 
 
 def costate(trajectory: Trajectory, cost: Callable[[Trajectory], Array]) -> State:
@@ -69,13 +69,12 @@ def plot_costate(scene: AbstractScene, trajectory: Trajectory, cost: Callable[[T
     pieces = np.split(np.arange(t.size), np.searchsorted(t, times))
     for axes, values, labels in zip(figure.subplots(2, 1, sharex=True), (found.q, found.v), names, strict=True):
         for i, label in enumerate(labels):
-            colour, style = LINES[i % len(LINES)]
             for k, piece in enumerate(pieces):
                 name = None if k else split_unit(label)[0]  # the unit is another one, that of J by this one's
-                axes.plot(t[piece], np.asarray(values[piece, i]), style, color=colour, label=name)
+                axes.plot(t[piece], np.asarray(values[piece, i]), **line(i), label=name)
         for time in times:
             axes.axvline(time, color="0.8", linewidth=0.7, zorder=0)
-        axes.legend(ncols=len(labels), **ABOVE)
+        legend_above(axes)
     above, below = figure.axes
     above.set_ylabel("dJ/dq")
     below.set(ylabel="dJ/dv", xlabel="time [s]")

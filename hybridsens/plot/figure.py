@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from ..mechanics.trajectory import Trajectory
 from ..solution import Solution
 
-LINES = (("#14213d", "-"), ("#c8553d", "--"), ("#5b8e7d", "-."), ("#8d99ae", ":"))
-"""Colours and styles: lines differ in style too, so that they read in grey print."""
+COLOURS = ("#14213d", "#c8553d", "#5b8e7d", "#8d99ae")
+STYLES = ("-", "--", "-.", ":")
 ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "fontsize": "small", "borderaxespad": 0.1}
 """Legends stand above their axes, where no line can cross them."""
 
@@ -35,6 +35,28 @@ def new_figure(size: tuple[float | int, float | int]) -> Figure:
     if pyplot is None or "inline" in backend or backend == "agg":
         return Picture(figsize=size, layout="constrained")
     return pyplot.figure(figsize=size, layout="constrained")
+
+
+def line(number: int) -> dict[str, Any]:
+    """Colour and style of a line: near ones differ in style too, so that they read in grey print, and 16 in one of
+    both."""
+    turns = number // len(COLOURS)
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": STYLES[(number + turns) % len(STYLES)]}
+
+
+_HANDLE, _LETTER = 0.5, 0.075
+"""Widths of a legend's line and of a letter [inch]."""
+
+
+def legend_above(axes: Any, **options: Any) -> None:
+    """Names of what is drawn above the axes, in as many rows as they take; nothing where nothing has a name."""
+    names = axes.get_legend_handles_labels()[1]
+    if not names:
+        return
+    spec, width = axes.get_subplotspec(), 0.85 * axes.get_figure(root=True).get_figwidth()
+    width /= 1 if spec is None else spec.get_gridspec().ncols
+    fit = int(width / (_HANDLE + _LETTER * max(map(len, names))))
+    axes.legend(ncols=max(1, min(fit, len(names))), **options, **ABOVE)
 
 
 def whole_ticks() -> MaxNLocator:

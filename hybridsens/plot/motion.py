@@ -15,7 +15,10 @@ from ..mechanics.mode import EventKind
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
 from ..numerics.tolerances import closeness
-from .figure import ABOVE, LINES, must_be_sampled, new_figure
+from .figure import COLOURS, legend_above, line, must_be_sampled, new_figure
+
+MOST = 16
+"""Of more contacts only some are drawn."""
 
 _MARKS = {
     EventKind.IMPACT: ("v", "black"),
@@ -33,21 +36,36 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
     Returns: the figure. Raises: ValueError if the trajectory has no samples or is a batch.
     """
     must_be_sampled(trajectory)
-    if axes is None:
-        figure = new_figure((8, 6))
-        axes = list(figure.subplots(3, 1, sharex=True, height_ratios=[3, 3, 1]))
     t, q, v = with_events(trajectory)
     gaps = np.asarray(jax.vmap(lambda t, q, v: gap_and_rate(scene, t, q, v)[0])(jnp.asarray(t), q, v))
     contacts, (_, rates) = contact_names(scene, gaps.shape[1]), coordinate_names(scene, q.shape[1])
-    draw_lines(axes[0], t, gaps, "gap", _labels(scene, "contacts", contacts))
+    shown = contacts_shown(trajectory)
+    if axes is None:
+        rows = max(4, len(shown)) / 4
+        figure = new_figure((8, 5 + rows))
+        axes = list(figure.subplots(3, 1, sharex=True, height_ratios=[3, 3, rows]))
+    draw_lines(axes[0], t, gaps, "gap", _labels(scene, "contacts", contacts), shown)
     _draw_events(axes[0], trajectory)
     velocities = _labels(scene, "coordinates", rates) or ["velocity"]
     name = velocities[0] if len(velocities) == 1 else "velocity"
     draw_lines(axes[1], t, np.asarray(v), name, velocities if len(velocities) == v.shape[1] else None)
-    _draw_closed(axes[2], t, gaps, trajectory)
-    axes[2].set_yticks(range(len(contacts)), contacts)
+    _draw_closed(axes[2], t, gaps, trajectory, shown)
+    axes[2].set_yticks(range(len(shown)), [contacts[i] for i in shown])
+    if len(shown) < len(contacts):
+        axes[0].set_title(f"{len(shown)} of {len(contacts)} contacts", loc="left", fontsize="small")
     axes[2].set_xlabel("time [s]")
     return axes[0].get_figure(root=True)  # type: ignore[return-value]
+
+
+def contacts_shown(trajectory: Trajectory) -> list[int]:
+    """Numbers of the contacts that are drawn: all, or of many those with an event, and those closed at the end."""
+    count = trajectory.events.impulse.shape[-1]
+    if count <= MOST:
+        return list(range(count))
+    kind, contact = np.asarray(trajectory.events.kind), np.asarray(trajectory.events.contact)
+    struck = contact[(kind >= 0) & (kind != EventKind.SWITCH)].tolist()
+    met = dict.fromkeys([*struck, *np.flatnonzero(trajectory.mode).tolist()])
+    return sorted((list(met) or range(count))[:MOST])
 
 
 def _labels(scene: AbstractScene, named_by: str, names: list[str]) -> list[str] | None:
@@ -66,16 +84,15 @@ def with_events(trajectory: Trajectory):
     return t[order], q, both(events.before.v, events.after.v, trajectory.v)
 
 
-def draw_lines(axes: Axes, t, values, name: str, labels: list[str] | None = None) -> None:
+def draw_lines(axes: Axes, t, values, name: str, labels: list[str] | None = None, shown: list[int] | None = None):
+    """A line for each column, or for those `shown`."""
     several = values.shape[1] > 1
     labels = labels or [f"{name} {i}" for i in range(values.shape[1])]
-    for i in range(values.shape[1]):
-        colour, style = LINES[i % len(LINES)]
-        axes.plot(t, values[:, i], style, color=colour, linewidth=1.4, label=labels[i] if several else None)
+    for number, i in enumerate(range(values.shape[1]) if shown is None else shown):
+        axes.plot(t, values[:, i], **line(number), linewidth=1.4, label=labels[i] if several else None)
     axes.set_ylabel(name)
     axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
-    if several:
-        axes.legend(ncols=values.shape[1], **ABOVE)
+    legend_above(axes)
 
 
 def _draw_events(axes: Axes, trajectory: Trajectory) -> None:
@@ -87,20 +104,19 @@ def _draw_events(axes: Axes, trajectory: Trajectory) -> None:
         if at.size:
             label = f"{kind.name.lower()} ({at.size})"
             axes.plot(at, np.zeros_like(at), marker, markerfacecolor=face, color="black", markersize=6, label=label)
-    if trajectory.events.count > 0:
-        axes.legend(ncols=len(axes.get_lines()), **ABOVE)
+    legend_above(axes)
 
 
-def _draw_closed(axes: Axes, t, gaps, trajectory: Trajectory) -> None:
+def _draw_closed(axes: Axes, t, gaps, trajectory: Trajectory, shown: list[int]) -> None:
     """One row for each contact: a bar while its gap is closed, a tick at each of its events."""
     closed = np.abs(gaps) <= closeness(gaps.dtype) * np.max(np.abs(gaps), initial=0)
     contact, time = np.asarray(trajectory.events.contact), np.asarray(trajectory.events.time)
     contact = np.where(np.asarray(trajectory.events.kind) == EventKind.SWITCH, -1, contact)
-    for i in range(gaps.shape[1]):
+    for row, i in enumerate(shown):
         held = closed[:-1, i] & closed[1:, i]
-        axes.broken_barh([(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(held)], (i - 0.3, 0.6), color="0.55")
-        axes.vlines(time[contact == i], i - 0.4, i + 0.4, color="black", linewidth=0.9)
-    axes.set_ylim(gaps.shape[1] - 0.4, -0.6)
+        axes.broken_barh([(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(held)], (row - 0.3, 0.6), color="0.55")
+        axes.vlines(time[contact == i], row - 0.4, row + 0.4, color="black", linewidth=0.9)
+    axes.set_ylim(len(shown) - 0.4, -0.6)
     axes.set_ylabel("closed\ncontact")
 
 
@@ -118,7 +134,7 @@ def plot_coordinates(scene: AbstractScene, trajectory: Trajectory) -> Figure:
     times = np.asarray(trajectory.events.time[: int(trajectory.events.count)])
     for i, names in enumerate(zip(*coordinate_names(scene, dof), strict=True)):
         for axes, values, name in zip(rows[i], (q, v), names, strict=True):
-            axes.plot(t, np.asarray(values[:, i]), color=LINES[0][0], linewidth=1.4)
+            axes.plot(t, np.asarray(values[:, i]), color=COLOURS[0], linewidth=1.4)
             axes.set_ylabel(name)
             for time in times:
                 axes.axvline(time, color="0.8", linewidth=0.7, zorder=0)
@@ -145,14 +161,14 @@ def plot_phase(
     axes = new_figure((5.5, 5)).subplots() if axes is None else axes
     _, q, v = with_events(trajectory)
     q, v = np.asarray(q[:, number]), np.asarray(v[:, number])
-    axes.plot(q, v, color=LINES[0][0], linewidth=1.2)
+    axes.plot(q, v, color=COLOURS[0], linewidth=1.2)
     _draw_jumps(axes, trajectory, number)
-    axes.plot(q[:1], v[:1], "o", markerfacecolor="white", color=LINES[0][0], label="start")
-    axes.plot(q[-1:], v[-1:], "s", markersize=4, color=LINES[0][0], label="end")
+    axes.plot(q[:1], v[:1], "o", markerfacecolor="white", color=COLOURS[0], label="start")
+    axes.plot(q[-1:], v[-1:], "s", markersize=4, color=COLOURS[0], label="end")
     axes.locator_params(axis="x", nbins=6)  # long numbers of a narrow range lie on one another
     axes.set_xlabel(names[number])
     axes.set_ylabel(rates[number])
-    axes.legend(ncols=len(axes.get_legend_handles_labels()[1]), columnspacing=1, handletextpad=0.2, **ABOVE)
+    legend_above(axes, columnspacing=1, handletextpad=0.2)
     return axes.get_figure(root=True)  # type: ignore[return-value]
 
 
@@ -164,7 +180,7 @@ def _draw_jumps(axes: Axes, trajectory: Trajectory, number: int) -> None:
     for state, marker, label in ((before, "v", "before an impact"), (after, "^", "after it")):
         q, v = (np.asarray(x[:n, number])[impacts] for x in (state.q, state.v))
         if q.size:
-            axes.plot(q, v, marker, color=LINES[1][0], markersize=4, linestyle="none", label=label)
+            axes.plot(q, v, marker, color=COLOURS[1], markersize=4, linestyle="none", label=label)
 
 
 def _number(name: str, names: list[str]) -> int:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from ..export.trees import named_leaves
 from ..solution import Solution
-from .figure import ABOVE, LINES, new_figure, solution_times, whole_ticks
+from .figure import legend_above, line, new_figure, solution_times, whole_ticks
 
 MOST = 8
 """Entries of one leaf that are drawn."""
@@ -88,12 +88,10 @@ def _modes(solution: Solution) -> list[dict[str, np.ndarray]]:
 def _draw(axes: Axes, t, values, name: str) -> None:
     shown = values[:, :MOST]
     for i in range(shown.shape[1]):
-        colour, line = LINES[i % len(LINES)]
         label = f"{name}[{i}]" if shown.shape[1] > 1 else None
-        axes.plot(t, shown[:, i], line, color=colour, linewidth=1.3, label=label)
+        axes.plot(t, shown[:, i], **line(i), linewidth=1.3, label=label)
     axes.set_ylabel(name if values.shape[1] <= MOST else f"{name}: {MOST} of {values.shape[1]}")
-    if shown.shape[1] > 1:
-        axes.legend(ncols=shown.shape[1], **ABOVE)
+    legend_above(axes)
 
 
 def _draw_modes(axes: Axes, solution: Solution, modes: dict[str, np.ndarray]) -> None:
@@ -104,14 +102,12 @@ def _draw_modes(axes: Axes, solution: Solution, modes: dict[str, np.ndarray]) ->
     until = np.flatnonzero(np.append(-np.inf, times) <= last)[-1]
     t = np.concatenate([[first], times[begins:until], [last]])
     for i, (name, rows) in enumerate(modes.items()):
-        colour, line = LINES[i % len(LINES)]
         values = np.append(rows[begins : until + 1, 0], rows[until, 0]).astype(float)
-        axes.plot(t, values, line, color=colour, linewidth=1.3, drawstyle="steps-post", label=name)
+        axes.plot(t, values, **line(i), linewidth=1.3, drawstyle="steps-post", label=name if len(modes) > 1 else None)
     if all(rows.dtype.kind in "biu" for rows in modes.values()):
         axes.yaxis.set_major_locator(whole_ticks())
     axes.set_ylabel("mode" if len(modes) > 1 else next(iter(modes)))
-    if len(modes) > 1:
-        axes.legend(ncols=len(modes), **ABOVE)
+    legend_above(axes)
 
 
 def _draw_events(axes: Axes, solution: Solution) -> None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from ..parameters import split_name
-from ..plot.figure import ABOVE, new_figure, whole_ticks
+from ..plot.figure import legend_above, new_figure, whole_ticks
 from .dataset import gradients
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def plot_bifurcation(
     if failed.size:
         at_the_foot = {"transform": axes.get_xaxis_transform(), "clip_on": False}
         axes.plot(failed, np.zeros(failed.size), "x", color="#c8553d", label="failed", **at_the_foot)
-        axes.legend(**ABOVE)
+        legend_above(axes)
     axes.set_xlabel(_label(dataset[parameter]))
     axes.set_ylabel(f"{named} once a period")
     return axes.figure  # pyright: ignore[reportReturnType]

@@ -9,7 +9,9 @@ from matplotlib.figure import Figure
 from hybridsens import Events, State, Status, Trajectory
 from hybridsens.outcome import Steps
 from hybridsens.plot import plot_gradients, plot_trajectory
-from hybridsens.scenes import BouncingBall
+from hybridsens.plot.figure import new_figure
+from hybridsens.plot.motion import draw_lines
+from hybridsens.scenes import BallsInBox, BouncingBall
 
 RELEASED = 0.4
 
@@ -83,3 +85,36 @@ def test_a_motion_without_samples_is_refused():
     trajectory = eqx.tree_at(lambda motion: motion.ts, _lifted_ball(jnp.linspace(0, 1, 3)), None)
     with pytest.raises(ValueError, match="must have samples"):
         plot_trajectory(BouncingBall(), trajectory)
+
+
+def test_of_many_contacts_those_with_an_event_are_drawn():
+    """Of four balls in a box with 22 gaps, one strikes at 0.3 and one at 0.6, and one is held at the end: written down,
+    not simulated."""
+    scene, ts, n = BallsInBox(4), jnp.linspace(0, 1, 5), 22
+    start = scene.initial_state()
+    always = lambda leaf, times: jnp.broadcast_to(leaf, (times, *leaf.shape))
+    two = State(always(start.q, 2), always(start.v, 2))
+    events = Events(
+        jnp.array([0.3, 0.6]), jnp.array([0, 0]), jnp.array([21, 3]), two, two, jnp.zeros((2, n)), jnp.zeros(2),
+        jnp.zeros(2, bool), jnp.array(2),
+    )  # fmt: skip
+    motion = Trajectory(
+        ts, always(start.q, 5), always(start.v, 5), start, None, events, jnp.arange(n) == 8, Status.successful,
+        ts[-1], jnp.array(jnp.nan), Steps(jnp.array(10), jnp.array(0)),
+    )  # fmt: skip
+    gaps, _, closed = plot_trajectory(scene, motion).axes
+    assert [label.get_text() for label in closed.get_yticklabels()] == ["3", "8", "21"]
+    assert gaps.get_title(loc="left") == "3 of 22 contacts"
+    assert [str(line.get_label()) for line in gaps.get_lines()[:3]] == ["gap 3", "gap 8", "gap 21"]
+
+
+@pytest.mark.parametrize("count", [3, 9, 16])
+def test_names_of_many_lines_stand_in_rows(count):
+    """Assert that none is cut off, and that no two lines look alike."""
+    figure = new_figure((8, 4))
+    axes = figure.subplots()
+    draw_lines(axes, [0, 1], np.ones((2, count)), "gap", [f"left wall of the room and ball {i}" for i in range(count)])
+    figure.draw_without_rendering()
+    box, legend = figure.bbox, axes.get_legend().get_window_extent()
+    assert box.x0 <= legend.x0 and legend.x1 <= box.x1 and legend.y1 <= box.y1
+    assert len({(line.get_color(), line.get_linestyle()) for line in axes.get_lines()[:count]}) == count
