@@ -1,6 +1,7 @@
 """A sweep as an xarray Dataset: its variables, whose dimensions, shape, type and attributes are known before the first
 point is run, and what is made of them when all are."""
 
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -113,8 +114,14 @@ def _units(name, units: Mapping[str, str]) -> dict[str, Any]:
     if name in units:
         return {"units": units[name]}
     if name != parameter and "J" in units and parameter in units:
-        return {"units": f"({units['J']})/({units[parameter]})"}
+        return {"units": _quotient(units["J"], units[parameter])}
     return {}
+
+
+def _quotient(of: str, by: str) -> str:
+    """m/(N/m) for "m" by "N/m"; a number has the unit ""."""
+    of, by = (unit if re.fullmatch(r"\w*", unit) else f"({unit})" for unit in (of, by))
+    return f"{of or 1}/{by}" if by else of
 
 
 def _flags(meanings) -> dict[str, Any]:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def plot_sweep(dataset: "xr.Dataset") -> Figure:
     """Maps of J, of |dJ/dp| for both varied parameters, and of the number of events, over a grid of two parameters.
 
-    Lines separate regions with different sequences of events: J has a kink or a jump there. Failed points are blank,
-    and a line below says so. Units are those that `sweep` was given.
+    Lines separate regions with different sequences of events: J has a kink or a jump there. Failed points are hatched.
+    A line below says so. Units are those that `sweep` was given.
     Raises: ValueError unless the points are a grid of two parameters (choose with `dataset.sel` or `.isel`).
     """
     dims = dataset.J.dims
@@ -49,19 +49,20 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
         axes.set_title(_with_units(title, values), fontsize="medium")
         if "event_sequence" in dataset:
             draw_borders(axes, dataset.event_sequence)
-    if told := blanks(maps, "interrupted" in dataset.attrs):
+    lines = ["lines: between sequences of events"] if "event_sequence" in dataset else []
+    if told := "; ".join([*lines, *unknowns(maps, "interrupted" in dataset.attrs)]):
         figure.supxlabel(told, fontsize="small", x=0.99, ha="right")
     return figure
 
 
-def blanks(maps: Mapping[str, "xr.DataArray"], interrupted: bool) -> str:
-    """What the blank points of maps are, in words; "" where there are none."""
+def unknowns(maps: Mapping[str, "xr.DataArray"], interrupted: bool) -> list[str]:
+    """What the hatched points of maps are, in words."""
     none = maps["J"].isnull().values
     why = "failed, or not computed" if interrupted else "failed"
-    told = [f"blank: {why}"] if none.any() else []
+    told = [f"hatched: {why}"] if none.any() else []
     if any((values.isnull().values & ~none).any() for values in maps.values()):
-        told.append("blank where J is not: no derivative")
-    return "; ".join(told)
+        told.append("hatched where J is not: no derivative")
+    return told
 
 
 def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> None:
@@ -75,8 +76,9 @@ def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> N
     if logarithmic:
         positive = drawn[drawn > 0].compressed()
         norm, ticks = LogNorm(positive.min(), positive.max()), _log_ticks(positive)
-        if (drawn == 0).any():  # no failed point, which is blank: it lies below all others
+        if (drawn == 0).any():  # no failed point, which is hatched: it lies below all others
             drawn, extend = np.ma.where(drawn == 0, positive.min() / 2, drawn), "min"
+    axes.patch.set(facecolor="0.85", edgecolor="0.6", hatch="////")  # what shows where there is no number
     mesh = axes.pcolormesh(*edges, drawn, norm=norm, rasterized=True)
     bar = axes.figure.colorbar(mesh, ax=axes, ticks=ticks, format="%.3g" if logarithmic else None, extend=extend)
     bar.minorticks_off()
