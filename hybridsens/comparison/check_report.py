@@ -31,7 +31,7 @@ class GradientCheck(NamedTuple):
     def __str__(self) -> str:
         """One line for each parameter and for each event, and a last line that sums up."""
         width = max(len("dJ/d"), *(len(entry.parameter) for entry in self.parameters)) + 2
-        columns = f"{'adjoint':>16}{'forward':>16}{'differences':>16}{'+-':>9}{'reference':>16}"
+        columns = f"{'adjoint':>15}{'forward':>15}{'differences':>15}{'+-':>9}{'reference':>15}"
         lines = [name_and_numbers("dJ/d", columns, width)]
         lines += [_parameter_line(entry, width) for entry in self.parameters]
         lines += ["", *_event_lines(self.events)] if self.events else []
@@ -46,8 +46,8 @@ class GradientCheck(NamedTuple):
 
 
 def _parameter_line(entry: ParameterCheck, width: int) -> str:
-    numbers = "".join(f"{slope:>16.9g}" for slope in (entry.adjoint, entry.forward, entry.differences))
-    numbers += f"{entry.uncertainty:>9.1e}{entry.reference:>16.9g}"
+    numbers = "".join(f"{slope:>15.8g}" for slope in (entry.adjoint, entry.forward, entry.differences))
+    numbers += f"{entry.uncertainty:>9.1e}{entry.reference:>15.8g}"
     return name_and_numbers(entry.parameter, numbers, width, entry.verdict)
 
 

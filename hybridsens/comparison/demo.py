@@ -16,7 +16,7 @@ from ..solution import Solution
 from ..status import Status
 from ..system import AbstractHybridSystem
 from .baselines import where_reset, where_transition
-from .differentiate import finite_differences
+from .differentiate import best_finite_differences
 from .functional import move, ready_made_motion
 
 REFERENCE_TOLERANCE = 1e-12
@@ -79,7 +79,8 @@ def demonstrate(scene: Any, *, tolerance: float = 1e-8) -> Demonstration:
     _, motion_time = timed(cost, theta)
     (value, adjoint), adjoint_time = timed(jax.value_and_grad(cost), theta)
     (naive_value, naive_gradient), naive_time = timed(jax.value_and_grad(naive), theta)
-    slopes, one_sided = finite_differences(jax.jit(tight), np.asarray(theta))
+    scale = np.where(theta == 0, 1.0, np.abs(theta))
+    slopes, _, one_sided = best_finite_differences(jax.jit(tight), np.asarray(theta), scale)
     return Demonstration(
         trajectory, list(names), np.asarray(theta), float(value), float(naive_value),
         np.asarray(adjoint), slopes, one_sided, np.asarray(naive_gradient),

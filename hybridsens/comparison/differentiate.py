@@ -105,20 +105,24 @@ class FiniteDifferences(NamedTuple):
     """nan where no width gave a number."""
     uncertainty: Float[np.ndarray, "parameter"]
     """Distance to the slope at the neighbouring width."""
+    one_sided: Bool[np.ndarray, "parameter"]
+    """Which of them are made of one side."""
 
 
 def best_finite_differences(function: Callable, vector, scale: Float[np.ndarray, "parameter"]) -> FiniteDifferences:
     """df/dp by `finite_differences`, entry i moved in units of scale[i]; where `function` is nan it is not used."""
     scaled = np.asarray(vector) / scale
-    found = np.stack([finite_differences(lambda u: function(u * scale), scaled, width)[0] / scale for width in WIDTHS])
+    found, one_sided = zip(*(finite_differences(lambda u: function(u * scale), scaled, h) for h in WIDTHS), strict=True)
+    found, one_sided = np.stack(found) / scale, np.stack(one_sided)
     change = np.abs(np.diff(found, axis=0))
     known = np.isfinite(change)
     best = np.argmin(np.where(known, change, np.inf), axis=0)
     entries = np.arange(scaled.shape[0])
     decided = np.any(known, axis=0)
     return FiniteDifferences(
-        np.where(decided, found[best + 1, entries], np.nan), np.where(decided, change[best, entries], np.nan)
-    )
+        np.where(decided, found[best + 1, entries], np.nan), np.where(decided, change[best, entries], np.nan),
+        one_sided[best + 1, entries],
+    )  # fmt: skip
 
 
 def slopes_nearby(function: Callable, vector, scale: Float[np.ndarray, "parameter"]) -> Float[np.ndarray, "parameter"]:
