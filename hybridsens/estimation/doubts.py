@@ -37,7 +37,7 @@ def doubts(result: Any) -> Iterator[str]:
             "it comes after the horizon, or a guess from which it comes"
         )
     yield from misfits
-    if misfits:
+    if misfits and not result.on_bound:  # a bound in the way is the likelier reason
         yield (
             "the model may be right, and this not the lowest minimum of the loss, for which alone the intervals hold: "
             "`starts=8` looks for another, and so does `strategy=GrowingHorizon()`"

@@ -85,9 +85,10 @@ def _near(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     """Which guards have to be looked at: in all others `_look` finds nothing, by any of its rules.
 
     A guard is far if it stays well above zero, by its tangents at both ends and by what it bends between them, in a
-    step that is longer than what time can resolve. A guard that is nan is near."""
+    step that is longer than what time and rounding can resolve. A guard that is nan is near."""
     h = step.t1 - step.t0
     is_long = (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, resolution.shortenings))
+    is_long &= ~_is_tired(step, resolution)
     g0, d0, g1, d1 = step.guard0, step.rate0 * h, step.guard1, step.rate1 * h
     lowest = jnp.minimum(jnp.minimum(g0, g0 + d0), jnp.minimum(g1, g1 - d1))  # no more than any point of the cubic
     # Nor does it fall soon after: `to_go` is asked about up to a tenth of the step.

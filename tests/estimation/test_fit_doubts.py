@@ -131,7 +131,7 @@ def test_residuals_that_are_no_noise_may_tell_of_another_minimum():
         result = SimpleNamespace(
             uncertainty=SimpleNamespace(exact=False, noise=noise, freedom=17, quantile_freedom=np.inf),
             data=SimpleNamespace(names=("q",), values=FALL[:, None], sigmas=None, sigmas_known=True),
-            residuals=residuals[:, None], scene=None, events_missing=(),
+            residuals=residuals[:, None], scene=None, events_missing=(), on_bound=(),
             residual_correlation={"q": neighbour_correlation(residuals)},
         )  # fmt: skip
         return [remark for remark in doubts(result) if "not the lowest minimum" in remark]

@@ -23,7 +23,7 @@ def random_steps(seed, cases, guards):
     guard1 = np.where(random.random(shape) < 0.2, np.abs(any_size()), guard0 + (rate0 + rate1) / 2 + bend)
     h = 10.0 ** random.uniform(-6, 1, cases)
     noise = np.where(random.random(shape) < 0.2, 1e-9, 0.0)
-    return guard0, guard1, rate0, rate1, h, noise, random.integers(0, 4, cases)
+    return guard0, guard1, rate0, rate1, h, noise, random.integers(0, 9, cases)
 
 
 def step_and_resolution(guard0, guard1, rate0, rate1, h, noise, shortenings):
@@ -31,7 +31,9 @@ def step_and_resolution(guard0, guard1, rate0, rate1, h, noise, shortenings):
     step = StepEnds(t0, none, jnp.maximum(guard0, 0), rate0 / h, t0 + h, none, guard1, rate1 / h, none, 5)
     size = guard0.shape
     turns = (noise > 0) & (jnp.abs(guard1) < 1e-8)
-    return step, Resolution(jnp.full(size, 1e-14), noise, turns, shortenings, jnp.asarray(20.0), jnp.full(size, 1e-8))
+    rounding, depth = jnp.full(size, 1e-14), jnp.full(size, 1e-8)
+    blur = h * jnp.where(noise[0] > 0, 2.0, 0.5)  # half of them are as short as rounding allows
+    return step, Resolution(rounding, noise, turns, shortenings, blur, jnp.asarray(20.0), depth)
 
 
 @jax.jit
