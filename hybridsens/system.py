@@ -1,21 +1,17 @@
 """Any hybrid system: what a user writes to have its motion and its gradient."""
 
 import abc
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-import equinox as eqx
 from jaxtyping import Array, Float, Int, PyTree
 
-from .export.text import printed
-from .validation.frozen import told_what_to_do
-from .validation.numbers import numbers_to_arrays
-from .validation.spelling import warn_of_near_names
+from .model import Model
 
 Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
 
 
-class AbstractHybridSystem(eqx.Module):
+class AbstractHybridSystem(Model):
     """x' = flow(t, x, mode) until a guard falls through 0; then (x, mode) = transition(event, t, x, mode).
 
     Write these three methods; `scheduled_times` and `jump_times` where times are known. A ball that counts its bounces:
@@ -59,22 +55,6 @@ class AbstractHybridSystem(eqx.Module):
     event_names: ClassVar[tuple[str, ...] | None] = None
     """Names of the events for tables, messages and pictures, one for each guard and then for each scheduled time; a
     property where their number is known later. None, the default, for numbers."""
-
-    def __init_subclass__(cls, **options):
-        super().__init_subclass__(**options)
-        warn_of_near_names(cls)
-
-    if not TYPE_CHECKING:  # a type checker would take the method for permission to assign fields
-
-        def __setattr__(self, name, value):
-            with told_what_to_do(self, name):
-                super().__setattr__(name, value)
-
-    def __check_init__(self):
-        numbers_to_arrays(self)
-
-    def __repr__(self) -> str:
-        return printed(self)
 
     @abc.abstractmethod
     def flow(self, t: Float[Array, ""], x: Any, mode: Any) -> Any:

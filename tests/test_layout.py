@@ -10,7 +10,7 @@ TESTS = ROOT / "tests"
 METHOD = {"observables", "forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
     "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch",
-    "discontinuities", "located",
+    "discontinuities", "located", "model",
 }  # fmt: skip
 BASE = {"validation", "numerics", "status"}
 TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters", "waiting"}
@@ -32,12 +32,13 @@ MAY_IMPORT = {
     "passes": {"flat_system", "forward", "adjoint", "numerics", "observables", "reported", "status"},
     "differentiable": {"passes", "reported", "observables", "adjoint", "forward", "validation", "xla"},
     "export": {"status"},
-    "mechanics": {"flat_system", "interval", "search", "outcome", "export", "watch", "discontinuities", "located"}
-    | BASE,
+    "mechanics": {"flat_system", "model", "interval", "search", "outcome", "export", "watch"}
+    | {"discontinuities", "located"} | BASE,
     "watch": {"numerics"},
     "discontinuities": {"interval", "system", "validation"},
     "saved": {"export", "mechanics", "outcome", "solution", "status"},
-    "system": {"export", "validation"},
+    "model": {"export", "validation"},
+    "system": {"model"},
     "system_checks": {"system"} | BASE,
     "located": {"interval", "system_checks", "xla"} | BASE,
     "delays": set(),

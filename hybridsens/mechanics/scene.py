@@ -1,7 +1,7 @@
 """What a user writes: the state of a mechanical system and the scene that moves it."""
 
 import abc
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,9 +9,7 @@ import lineax as lx
 from jaxtyping import Array, Float
 
 from ..export.text import printed
-from ..validation.frozen import told_what_to_do
-from ..validation.numbers import numbers_to_arrays
-from ..validation.spelling import warn_of_near_names
+from ..model import Model
 
 
 class State(eqx.Module):
@@ -30,7 +28,7 @@ class State(eqx.Module):
         return printed(self)
 
 
-class AbstractScene(eqx.Module):
+class AbstractScene(Model):
     """A mechanical system with ideal unilateral constraints.
 
         M(q) v' = F(t, q, v) + G lambda,   0 <= lambda _|_ Phi(t, q) >= 0,   G = (dPhi/dq)^T      (1.1)-(1.2)
@@ -64,22 +62,6 @@ class AbstractScene(eqx.Module):
     of the scene, and take part in `max_events`. Left alone are the mass matrix, tables, sorting, comparisons of
     integers and those in loops and branches of `jax.lax.cond`. A motion that slides along such a jump, as dry friction
     at rest does, ends with a status."""
-
-    def __init_subclass__(cls, **options):
-        super().__init_subclass__(**options)
-        warn_of_near_names(cls)
-
-    if not TYPE_CHECKING:  # a type checker would take the method for permission to assign fields
-
-        def __setattr__(self, name, value):
-            with told_what_to_do(self, name):
-                super().__setattr__(name, value)
-
-    def __check_init__(self):
-        numbers_to_arrays(self)
-
-    def __repr__(self) -> str:
-        return printed(self)
 
     @abc.abstractmethod
     def mass_matrix(self, q: Float[Array, "dof"]) -> Float[Array, "dof dof"] | lx.AbstractLinearOperator:
