@@ -45,7 +45,9 @@ def model(name: str) -> Any:
     try:
         return chosen()
     except TypeError as error:
-        raise typer.BadParameter(f"{class_name} must have a default for every parameter, but {error}") from error
+        raise typer.BadParameter(
+            f"{class_name} must have a default for every parameter, as by `mass: jax.Array = 1.0`, but {error}"
+        ) from error
     except (ValueError, OSError, ImportError) as error:
         raise typer.BadParameter(
             f"{class_name} of {file} must be made by {class_name}(), which raises {type(error).__name__}: {error}"

@@ -19,12 +19,12 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from ..flat_system import StepEnds
 from ..numerics.tolerances import MOST_RELAXED, rounding, time_resolution
 from .guards import GuardsAtStart, scales_at, turning_at_zero
-from .inside import Inside, Resolution, is_divisible, look_inside
+from .inside import Inside, Resolution, is_divisible, look_inside, on_a_stair
 from .record import StepRecord
 
 BLUR = 1e-6
-"""What rounding may blur of the step that the error control would take. A step as short as that is no sign that an
-event was passed by: the next one goes on as if it were the same."""
+"""What rounding may blur of the step that the error control would take, and of the time in which a guard's rate turns.
+A step as short as that is no sign that an event was passed by: the next one goes on as if it were the same."""
 
 LEAST_SEARCHED = 1 / 64
 """Where a search is given up, the step is cut where the search got to, if that is at least this fraction of the step.
@@ -146,7 +146,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
         next_t0 = jnp.where(keep, t1, t0)
 
         # Then the new state.
-        is_short = h <= resolution.blur
+        is_short = jnp.any(on_a_stair(step, resolution))
         goes_on = fell_short | (keep & is_short)
         shortenings = jnp.where(goes_on | ~keep, state.shortenings, 0)
         tries_again = retry_at_root | (must_split & is_short & (state.shortenings > 0))
@@ -179,7 +179,10 @@ class EventLocator(diffrax.AbstractStepSizeController):
         depth = jnp.broadcast_to(system.grazing_depth(mode), step.guard1.shape)
         size = scales_at(system, step.t1, step.x1, mode, step.guard1)[0] + system.clock_scales(step.t1, mode)
         rounded = rounding(step.guard1.dtype) * size
-        return Resolution(rounded, noise, turns, state.shortenings, BLUR * state.free_step, self.stop, depth)
+        # A flow that is known exactly is stepped through without limit, and how long a rate lasts tells more.
+        lasts = jnp.abs(step.rate1) * (step.t1 - step.t0) / jnp.abs(step.rate1 - step.rate0)
+        blur = BLUR * jnp.fmin(lasts, state.free_step)
+        return Resolution(rounded, noise, turns, state.shortenings, blur, self.stop, depth)
 
     def _free_step(self, h, t1, next_h, accurate, verdict: Verdict, state: LocatorState):
         """The step that the error control would take if there were no event."""

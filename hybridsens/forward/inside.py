@@ -29,7 +29,7 @@ class Resolution(NamedTuple):
     """Guards that turn on zero at the end of the step, without falling through it."""
     shortenings: Int[Array, ""]
     """How many times in a row the step was shortened to end on an event: each relaxes how exactly."""
-    blur: Float[Array, ""]
+    blur: Float[Array, "guard"]
     """How long rounding may blur when a guard falls, where it does so for longer than time itself is rounded."""
     stop: Float[Array, ""]
     """Where the solve ends without an event."""
@@ -88,13 +88,13 @@ def _near(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     step that is longer than what time and rounding can resolve. A guard that is nan is near."""
     h = step.t1 - step.t0
     is_long = (h > time_resolution(step.t1, 8)) & (h > 8 * time_resolution(step.t1, resolution.shortenings))
-    is_long &= ~_is_tired(step, resolution)
     g0, d0, g1, d1 = step.guard0, step.rate0 * h, step.guard1, step.rate1 * h
     lowest = jnp.minimum(jnp.minimum(g0, g0 + d0), jnp.minimum(g1, g1 - d1))  # no more than any point of the cubic
     # Nor does it fall soon after: `to_go` is asked about up to a tenth of the step.
     lowest = jnp.minimum(lowest, g1 + d1 / 8)
     bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
-    return ~((lowest > 2 * bend + resolution.rounding + resolution.noise) & is_long)
+    far = (lowest > 2 * bend + resolution.rounding + resolution.noise) & is_long
+    return ~far | on_a_stair(step, resolution)
 
 
 def _look_by_blocks(step: StepEnds, resolution: Resolution, near: Bool[Array, "guard"]) -> Inside:
@@ -117,7 +117,7 @@ def _cut(step: StepEnds, resolution: Resolution, first) -> tuple[StepEnds, Resol
     """The step with the guards of one block."""
     cut = lambda of_all: lax.dynamic_slice(of_all, (first,), (BLOCK,))
     guards = {name: cut(getattr(step, name)) for name in ("guard0", "rate0", "guard1", "rate1")}
-    about = {name: cut(getattr(resolution, name)) for name in ("rounding", "noise", "turns", "depth")}
+    about = {name: cut(getattr(resolution, name)) for name in ("rounding", "noise", "turns", "blur", "depth")}
     return step._replace(**guards), resolution._replace(**about)
 
 
@@ -159,7 +159,8 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     cubic = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
     split = jnp.min(tangents_meet_below(*cubic), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*cubic), 0.5, split)
-    split = jnp.where(is_divisible(t0, h) & ~_is_tired(step, resolution), split, jnp.inf)
+    is_tired = jnp.any(on_a_stair(step, resolution)) & (resolution.shortenings > MOST_RELAXED)
+    split = jnp.where(is_divisible(t0, h) & ~is_tired, split, jnp.inf)
     split = jnp.where(finite, split, 0.5)
     falls = (rate < 0) & ~resolution.turns
     above = jnp.maximum(guard + resolution.noise, 0)
@@ -180,19 +181,21 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
     below_after_shortest = (h <= time_resolution(step.t0, 1)) & (guard < 0)
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.
     fell = step.guard0 - guard
-    # Rounding makes a guard a staircase. How high the stairs of a multiplier are is not known, but one that its rate
-    # would pass within `blur`, and that shorter steps do not get down from, is no more than a stair from zero.
-    stair = jnp.maximum(step.guard0, jnp.abs(guard))
-    close |= _is_tired(step, resolution) & (stair <= resolution.blur * jnp.abs(rate))
+    close |= on_a_stair(step, resolution) & (resolution.shortenings > MOST_RELAXED)
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))
     counts_as_zero = closeness(guard.dtype) / rounding(guard.dtype) * rounded
     jumped = below_after_shortest & (fell > explained + counts_as_zero)
     return _may_fire(resolution) & (((rate < 0) & (close | below_after_shortest)) | jumped), jumped
 
 
-def _is_tired(step: StepEnds, resolution: Resolution) -> Bool[Array, ""]:
-    """Whether steps as short as rounding allows have been tried for an event, again and again."""
-    return (resolution.shortenings > MOST_RELAXED) & (step.t1 - step.t0 <= resolution.blur)
+def on_a_stair(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
+    """Guards that fall to zero within a time that rounding may blur, in a step as short as that.
+
+    Rounding makes a guard a staircase. How high the stairs of a multiplier are is not known. But where such steps have
+    been tried again and again and do not get down to zero, the guard is no more than a stair from it."""
+    blur, rate = resolution.blur, step.rate1
+    is_short, stair = step.t1 - step.t0 <= blur, jnp.maximum(step.guard0, jnp.abs(step.guard1))
+    return (rate < 0) & is_short & (stair <= blur * jnp.abs(rate))
 
 
 def _may_fire(resolution: Resolution) -> Bool[Array, "guard"]:

@@ -32,7 +32,7 @@ def step_and_resolution(guard0, guard1, rate0, rate1, h, noise, shortenings):
     size = guard0.shape
     turns = (noise > 0) & (jnp.abs(guard1) < 1e-8)
     rounding, depth = jnp.full(size, 1e-14), jnp.full(size, 1e-8)
-    blur = h * jnp.where(noise[0] > 0, 2.0, 0.5)  # half of them are as short as rounding allows
+    blur = h * jnp.where(noise > 0, 2.0, 0.5)  # some are as short as rounding allows
     return step, Resolution(rounding, noise, turns, shortenings, blur, jnp.asarray(20.0), depth)
 
 
