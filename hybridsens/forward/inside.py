@@ -141,6 +141,7 @@ def _both(a: Inside, b: Inside) -> Inside:
 def _look(step: StepEnds, resolution: Resolution) -> Inside:
     """The rules, guard by guard: does it end on zero, fall through zero before, or may it dip below zero unseen?"""
     t0, t1, h = step.t0, step.t1, step.t1 - step.t0
+    resolution = _with_stairs(step, resolution)
     guard, rate, rounded = step.guard1, step.rate1, resolution.rounding
     on_guard, jumped = _on_guard(step, resolution)
     # A guard that was just left may be below zero by its rounding while it rises: no crossing.
@@ -159,8 +160,7 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     cubic = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
     split = jnp.min(tangents_meet_below(*cubic), initial=jnp.inf)
     split = jnp.where(jnp.isinf(split) & hides_a_dip(*cubic), 0.5, split)
-    is_tired = jnp.any(on_a_stair(step, resolution)) & (resolution.shortenings > MOST_RELAXED)
-    split = jnp.where(is_divisible(t0, h) & ~is_tired, split, jnp.inf)
+    split = jnp.where(is_divisible(t0, h), split, jnp.inf)
     split = jnp.where(finite, split, 0.5)
     falls = (rate < 0) & ~resolution.turns
     above = jnp.maximum(guard + resolution.noise, 0)
@@ -181,7 +181,6 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
     below_after_shortest = (h <= time_resolution(step.t0, 1)) & (guard < 0)
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.
     fell = step.guard0 - guard
-    close |= on_a_stair(step, resolution) & (resolution.shortenings > MOST_RELAXED)
     explained = MUCH * h * (jnp.abs(step.rate0) + jnp.abs(rate))
     counts_as_zero = closeness(guard.dtype) / rounding(guard.dtype) * rounded
     jumped = below_after_shortest & (fell > explained + counts_as_zero)
@@ -191,11 +190,21 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
 def on_a_stair(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     """Guards that fall to zero within a time that rounding may blur, in a step as short as that.
 
-    Rounding makes a guard a staircase. How high the stairs of a multiplier are is not known. But where such steps have
-    been tried again and again and do not get down to zero, the guard is no more than a stair from it."""
+    Rounding makes a guard a staircase, and how high the stairs of a multiplier are is not known."""
     blur, rate = resolution.blur, step.rate1
-    is_short, stair = step.t1 - step.t0 <= blur, jnp.maximum(step.guard0, jnp.abs(step.guard1))
-    return (rate < 0) & is_short & (stair <= blur * jnp.abs(rate))
+    return (rate < 0) & (step.t1 - step.t0 <= blur) & (_stair(step) <= blur * jnp.abs(rate))
+
+
+def _stair(step: StepEnds) -> Float[Array, "guard"]:
+    return jnp.maximum(step.guard0, jnp.abs(step.guard1))
+
+
+def _with_stairs(step: StepEnds, resolution: Resolution) -> Resolution:
+    """With the rounding of guards that such steps, tried again and again, do not get down to zero: a stair, and what
+    the rate makes of the step."""
+    tired = on_a_stair(step, resolution) & (resolution.shortenings > MOST_RELAXED)
+    seen = 2 * (_stair(step) + jnp.abs(step.rate1) * (step.t1 - step.t0))
+    return resolution._replace(rounding=jnp.where(tired, seen, resolution.rounding))
 
 
 def _may_fire(resolution: Resolution) -> Bool[Array, "guard"]:
