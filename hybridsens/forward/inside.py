@@ -7,7 +7,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import StepEnds
-from ..numerics.cubic import first_falling_root, hides_a_dip, tangents_meet_below
+from ..numerics.cubic import first_falling_root, hides_a_dip, inside_of_cubic, tangents_meet_below
 from ..numerics.tolerances import AT_END, MOST_RELAXED, closeness, rounding, time_resolution
 from .guards import first_to_fall
 
@@ -141,7 +141,7 @@ def _both(a: Inside, b: Inside) -> Inside:
 def _look(step: StepEnds, resolution: Resolution) -> Inside:
     """The rules, guard by guard: does it end on zero, fall through zero before, or may it dip below zero unseen?"""
     t0, t1, h = step.t0, step.t1, step.t1 - step.t0
-    resolution = _with_stairs(step, resolution)
+    resolution = _without_left(step, _with_stairs(step, resolution))
     guard, rate, rounded = step.guard1, step.rate1, resolution.rounding
     on_guard, jumped = _on_guard(step, resolution)
     # A guard that was just left may be below zero by its rounding while it rises: no crossing.
@@ -205,6 +205,13 @@ def _with_stairs(step: StepEnds, resolution: Resolution) -> Resolution:
     tired = on_a_stair(step, resolution) & (resolution.shortenings > MOST_RELAXED)
     seen = 2 * (_stair(step) + jnp.abs(step.rate1) * (step.t1 - step.t0))
     return resolution._replace(rounding=jnp.where(tired, seen, resolution.rounding))
+
+
+def _without_left(step: StepEnds, resolution: Resolution) -> Resolution:
+    """With no noise for guards that rise above it inside the step: what falls then falls through zero itself."""
+    h, noise = step.t1 - step.t0, resolution.noise
+    highest = jnp.max(jnp.stack(inside_of_cubic(step.guard0, step.rate0 * h, step.guard1, step.rate1 * h)), axis=0)
+    return resolution._replace(noise=jnp.where(highest > 2 * noise, 0, noise))
 
 
 def _may_fire(resolution: Resolution) -> Bool[Array, "guard"]:

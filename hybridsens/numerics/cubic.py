@@ -65,13 +65,18 @@ def hides_a_dip(
     itself.
     """
     bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
-    a, b = 3 * (g1 - g0) - 2 * d0 - d1, d0 + d1 - 2 * (g1 - g0)
-    inside = [g0 + s * (d0 + s * (a + s * b)) for s in (0.25, 0.5, 0.75)]
+    inside = inside_of_cubic(g0, d0, g1, d1)
     lowest = jnp.minimum(jnp.minimum(inside[0], inside[1]), inside[2])
     rounded = rounding(g0.dtype) * (jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1)) + noise
     # A guard that is just being left is small at first for a good reason: only its end can be compared.
     clearance = jnp.where(g0 <= rounded, g1, lowest / 2)
     return jnp.any((bend > clearance) & (bend > rounded))
+
+
+def inside_of_cubic(g0, d0, g1, d1) -> list[Float[Array, "guard"]]:
+    """c(1/4), c(1/2) and c(3/4)."""
+    a, b = 3 * (g1 - g0) - 2 * d0 - d1, d0 + d1 - 2 * (g1 - g0)
+    return [g0 + s * (d0 + s * (a + s * b)) for s in (0.25, 0.5, 0.75)]
 
 
 def tangents_meet_below(
