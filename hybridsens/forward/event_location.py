@@ -22,9 +22,10 @@ from .guards import GuardsAtStart, scales_at, turning_at_zero
 from .inside import Inside, Resolution, is_divisible, look_inside, on_a_stair
 from .record import StepRecord
 
-BLUR = 1e-6
-"""What rounding may blur of the step that the error control would take, and of the time in which a guard's rate turns.
-A step as short as that is no sign that an event was passed by: the next one goes on as if it were the same."""
+BLUR = 1 / 3
+"""What rounding, eps, may blur of the step that the error control would take, and of the time in which a guard's rate
+turns: eps^BLUR, 6e-6 in float64. A step as short as that is no sign that an event was passed by: the next one goes on
+as if it were the same."""
 
 LEAST_SEARCHED = 1 / 64
 """Where a search is given up, the step is cut where the search got to, if that is at least this fraction of the step.
@@ -181,7 +182,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
         rounded = rounding(step.guard1.dtype) * size
         # A flow that is known exactly is stepped through without limit, and how long a rate lasts tells more.
         lasts = jnp.abs(step.rate1) * (step.t1 - step.t0) / jnp.abs(step.rate1 - step.rate0)
-        blur = BLUR * jnp.fmin(lasts, state.free_step)
+        blur = float(jnp.finfo(lasts.dtype).eps) ** BLUR * jnp.fmin(lasts, state.free_step)
         return Resolution(rounded, noise, turns, state.shortenings, blur, self.stop, depth)
 
     def _free_step(self, h, t1, next_h, accurate, verdict: Verdict, state: LocatorState):

@@ -1,5 +1,7 @@
 """Releases that rounding blurs, and hops that are hardly larger than it, as of a machine that just lifts off."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -73,6 +75,7 @@ def exact_lift_off(scene, excess):
     return jnp.arccos(-1 / (1 + excess)) * jnp.sqrt(scene.body / scene.stiffness)
 
 
+lift_off_once = jax.jit(lift_off)
 lift_off_and_slope = jax.jit(jax.value_and_grad(lift_off, has_aux=True))
 exact_lift_off_and_slope = jax.jit(jax.value_and_grad(exact_lift_off))
 
@@ -119,3 +122,17 @@ def test_a_machine_that_hardly_lifts_off_comes_down(excess, restitution):
         assert abs(final[0]) < 1e-10 / frequency**2 + 2 * excess**2 / frequency**2
         if excess > 1e-4:
             assert_close(time, landing(1 + excess, frequency), 1e-5)
+
+
+def test_a_base_lifts_off_in_single_precision():
+    """Assert that it does of springs that give way by more than rounding makes of their length."""
+    random, single = np.random.default_rng(3), lambda x: jnp.asarray(x, jnp.float32)
+    for _ in range(20):
+        base, body = random.uniform(0.3, 3, 2)
+        scene = SprungBody(single(base), single(body), single(10 ** random.uniform(2, 5)))
+        excess = single(10 ** random.uniform(-1, 0.5))
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "An `rtol` below")
+            time, (status, steps) = lift_off_once(scene, excess)
+        assert status in PASSED and sum(steps) < 1000
+        assert_close(time / exact_lift_off(scene, excess), 1.0, 0.02)
