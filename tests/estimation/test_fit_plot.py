@@ -30,7 +30,7 @@ def test_event_times_alone_have_no_empty_panel():
     lines = [SimpleNamespace(loss=loss, stage="all", sequence_changed=False) for loss in (2.0, 1.0)]
     result = SimpleNamespace(
         data=SimpleNamespace(names=(), event_times=np.array([0.5, 1.1])), event_residuals=np.array([0.0, -0.1]),
-        scene=None, trajectory=SimpleNamespace(events=happened), history=lines,
+        scene=None, trajectory=SimpleNamespace(events=happened), history=lines, starts=None,
     )  # fmt: skip
     above, _ = plot_fit(result).axes
     assert above.lines[0].get_xdata().tolist() == [0.5, 1.1]
