@@ -5,7 +5,6 @@ the flow and of its transpose to compile, and keeps of each stage the state at w
 Differentiated by JAX, the loop would keep every number that the transpose needs.
 """
 
-
 import diffrax
 import jax
 import jax.numpy as jnp

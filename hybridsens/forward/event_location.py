@@ -147,10 +147,6 @@ class EventLocator(diffrax.AbstractStepSizeController):
         next_t0 = jnp.where(keep, t1, t0)
 
         # Then the new state.
-        is_short = jnp.any(on_a_stair(step, resolution))
-        goes_on = fell_short | (keep & is_short)
-        shortenings = jnp.where(goes_on | ~keep, state.shortenings, 0)
-        tries_again = retry_at_root | (must_split & is_short & (state.shortenings > 0))
         new = LocatorState(
             # The error control forgets a step that was rejected for an event and not for its error.
             inner=jax.tree.map(lambda new, old: jnp.where(accurate & ~keep, old, new), inner, state.inner),
@@ -159,7 +155,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
             guard=jnp.where(keep, jnp.where(turns, 0, jnp.maximum(guard, 0)), state.guard),
             rate=jnp.where(keep, jnp.where(turns, jnp.maximum(rate, 0), rate), state.rate),
             noise=jnp.where(keep, jnp.where(guard > noise, 0, noise), state.noise),
-            shortenings=jnp.where(tries_again, state.shortenings + 1, shortenings),
+            shortenings=self._shortenings(verdict, fell_short, jnp.any(resolution.on_a_stair), state),
             free_step=self._free_step(h, t1, next_t1 - next_t0, accurate, verdict, state),
             rejected=state.rejected + ~keep,
             landed_on=inside.landed_on,
@@ -183,7 +179,14 @@ class EventLocator(diffrax.AbstractStepSizeController):
         # A flow that is known exactly is stepped through without limit, and how long a rate lasts tells more.
         lasts = jnp.abs(step.rate1) * (step.t1 - step.t0) / jnp.abs(step.rate1 - step.rate0)
         blur = float(jnp.finfo(lasts.dtype).eps) ** BLUR * jnp.fmin(lasts, state.free_step)
-        return Resolution(rounded, noise, turns, state.shortenings, blur, self.stop, depth)
+        return Resolution(rounded, noise, turns, state.shortenings, on_a_stair(step, blur), self.stop, depth)
+
+    def _shortenings(self, verdict: Verdict, fell_short, on_a_stair, state: LocatorState):
+        """One more after a step that is tried again to end on an event; as many after one that did not get there."""
+        keep, retry_at_root, must_split = verdict
+        so_far = jnp.where(fell_short | (keep & on_a_stair) | ~keep, state.shortenings, 0)
+        more = retry_at_root | (must_split & on_a_stair & (state.shortenings > 0))
+        return jnp.where(more, state.shortenings + 1, so_far)
 
     def _free_step(self, h, t1, next_h, accurate, verdict: Verdict, state: LocatorState):
         """The step that the error control would take if there were no event."""

@@ -29,8 +29,8 @@ class Resolution(NamedTuple):
     """Guards that turn on zero at the end of the step, without falling through it."""
     shortenings: Int[Array, ""]
     """How many times in a row the step was shortened to end on an event: each relaxes how exactly."""
-    blur: Float[Array, "guard"]
-    """How long rounding may blur when a guard falls, where it does so for longer than time itself is rounded."""
+    on_a_stair: Bool[Array, "guard"]
+    """Guards that may be no more than a stair of rounding from zero; see `on_a_stair`."""
     stop: Float[Array, ""]
     """Where the solve ends without an event."""
     depth: Float[Array, "guard"]
@@ -94,7 +94,7 @@ def _near(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
     lowest = jnp.minimum(lowest, g1 + d1 / 8)
     bend = jnp.abs(g1 - g0 - (d0 + d1) / 2)
     far = (lowest > 2 * bend + resolution.rounding + resolution.noise) & is_long
-    return ~far | on_a_stair(step, resolution)
+    return ~far | resolution.on_a_stair
 
 
 def _look_by_blocks(step: StepEnds, resolution: Resolution, near: Bool[Array, "guard"]) -> Inside:
@@ -117,7 +117,7 @@ def _cut(step: StepEnds, resolution: Resolution, first) -> tuple[StepEnds, Resol
     """The step with the guards of one block."""
     cut = lambda of_all: lax.dynamic_slice(of_all, (first,), (BLOCK,))
     guards = {name: cut(getattr(step, name)) for name in ("guard0", "rate0", "guard1", "rate1")}
-    about = {name: cut(getattr(resolution, name)) for name in ("rounding", "noise", "turns", "blur", "depth")}
+    about = {name: cut(getattr(resolution, name)) for name in ("rounding", "noise", "turns", "on_a_stair", "depth")}
     return step._replace(**guards), resolution._replace(**about)
 
 
@@ -187,11 +187,11 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
     return _may_fire(resolution) & (((rate < 0) & (close | below_after_shortest)) | jumped), jumped
 
 
-def on_a_stair(step: StepEnds, resolution: Resolution) -> Bool[Array, "guard"]:
-    """Guards that fall to zero within a time that rounding may blur, in a step as short as that.
+def on_a_stair(step: StepEnds, blur: Float[Array, "guard"]) -> Bool[Array, "guard"]:
+    """Guards that fall to zero within a time that rounding may `blur`, in a step as short as that.
 
     Rounding makes a guard a staircase, and how high the stairs of a multiplier are is not known."""
-    blur, rate = resolution.blur, step.rate1
+    rate = step.rate1
     return (rate < 0) & (step.t1 - step.t0 <= blur) & (_stair(step) <= blur * jnp.abs(rate))
 
 
@@ -202,7 +202,7 @@ def _stair(step: StepEnds) -> Float[Array, "guard"]:
 def _with_stairs(step: StepEnds, resolution: Resolution) -> Resolution:
     """With the rounding of guards that such steps, tried again and again, do not get down to zero: a stair, and what
     the rate makes of the step."""
-    tired = on_a_stair(step, resolution) & (resolution.shortenings > MOST_RELAXED)
+    tired = resolution.on_a_stair & (resolution.shortenings > MOST_RELAXED)
     seen = 2 * (_stair(step) + jnp.abs(step.rate1) * (step.t1 - step.t0))
     return resolution._replace(rounding=jnp.where(tired, seen, resolution.rounding))
 

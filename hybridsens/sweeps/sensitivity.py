@@ -60,7 +60,7 @@ def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
         warn_caller(
             f"{np.sum(~good)} of {good.size} points have no J or no gradient and are left out of the measures. Where "
             "they graze, gradients nearby are large, and the bounds come out too low."
-        )  # fmt: skip
+        )
     _check_varies("J", dataset.J.values[good])
     variance = np.var(dataset.J.values[good])
     squares = np.mean(derivatives[:, good] ** 2, axis=1)
@@ -144,9 +144,7 @@ def _resampled(rows: np.ndarray, resamples: int = 500) -> np.ndarray:
 def _complete(rows):
     whole = np.isfinite(rows).all(axis=0)
     if not whole.all():
-        warn_caller(
-            f"{np.sum(~whole)} of {whole.size} rows have a failed point and are left out of the indices."
-        )
+        warn_caller(f"{np.sum(~whole)} of {whole.size} rows have a failed point and are left out of the indices.")
     if whole.sum() < 2:
         raise ValueError(f"Sobol indices must have at least 2 rows without a failed point, but have {whole.sum()}.")
     return rows[:, whole]

@@ -32,8 +32,8 @@ def step_and_resolution(guard0, guard1, rate0, rate1, h, noise, shortenings):
     size = guard0.shape
     turns = (noise > 0) & (jnp.abs(guard1) < 1e-8)
     rounding, depth = jnp.full(size, 1e-14), jnp.full(size, 1e-8)
-    blur = h * jnp.where(noise > 0, 2.0, 0.5)  # some are as short as rounding allows
-    return step, Resolution(rounding, noise, turns, shortenings, blur, jnp.asarray(20.0), depth)
+    stairs = inside.on_a_stair(step, h * jnp.where(noise > 0, 2.0, 0.5))  # some steps are as short as rounding allows
+    return step, Resolution(rounding, noise, turns, shortenings, stairs, jnp.asarray(20.0), depth)
 
 
 @jax.jit

@@ -131,4 +131,5 @@ def test_a_base_lifts_off_in_single_precision():
         excess = single(10 ** random.uniform(-1, 0.5))
         time, (status, steps) = lift_off_once(scene, excess, single(1e-5), single(1e-6))
         assert status in PASSED and sum(steps) < 1000
-        assert_close(time / exact_lift_off(scene, excess), 1.0, 0.02)
+        # The spring gives way by 1e-4 of its length at the least, of which rounding is 1e-3.
+        assert_close(time / exact_lift_off(scene, excess), 1.0, 1e-3)

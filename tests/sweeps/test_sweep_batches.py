@@ -27,7 +27,6 @@ def test_a_batch_too_large_for_memory_is_halved(monkeypatch):
     assert seen[:4] == [64, 32, 16, 8] and set(seen[4:]) == {8}
 
 
-
 def test_another_number_of_points_compiles_nothing():
     """Assert that one program serves 3, 5 and 60 points, and gives each its own value."""
     compiled = engine_module._run._cached._cache_size
