@@ -16,10 +16,10 @@ from ..status import Status
 from .checks import may_begin
 from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate, walls_move
 from .event_state import MEETING, EventState, acted_on_nearby, look_at_event, wider_scales
-from .laws import Selection, impulse_support, transition_impulse
+from .laws import impulse_support, transition_impulse
 from .mode import ContactMode, EventKind, open_mode
 from .scene import AbstractScene
-from .settling import apply_laws
+from .settling import Impact, apply_laws
 from .smoothness import has_jumped
 from .status import ContactStatus
 
@@ -95,7 +95,7 @@ def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Con
     if not scene.sustained_contact:
         return _bounce(scene, at_event, now, mode, grazing, status)
     impact = apply_laws(scene, limits.capture_speed, at_event, now, mode)
-    after = _with_selection(mode, impact.selection, at_event.gap, now.t)
+    after = _with_held(mode, impact, at_event.gap, now.t)
     kind = jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT)
     detail = ImpactDetail(at_event.triggered & ~is_release, impact.support, impact.plastic, impact.brought_to_rest)
     leaving = at_event.impacting & ~after.held
@@ -164,8 +164,9 @@ def _order_matters(at_event: EventState, support, mode: ContactMode) -> Bool[Arr
     return several | (is_impact & jnp.any(beside & acted_on_nearby(at_event.geometry, at_event.triggered)))
 
 
-def _with_selection(mode: ContactMode, selection: Selection, gap, t) -> ContactMode:
-    """The mode with these contacts held, each where it is now."""
-    margin = jnp.where(selection.resting, mode.gap_tolerance(t), 0)
+def _with_held(mode: ContactMode, impact: Impact, gap, t) -> ContactMode:
+    """The mode with the contacts held that an impact leaves closed, each where it is now."""
+    margin = jnp.where(impact.selection.resting, mode.gap_tolerance(t), impact.pull)
     held_gap = jnp.where(mode.active, mode.held_gap, jnp.maximum(gap, 0))
-    return dataclasses.replace(mode, active=selection.active, margin=margin, held_gap=lax.stop_gradient(held_gap))
+    margin, held_gap = lax.stop_gradient((margin, held_gap))
+    return dataclasses.replace(mode, active=impact.selection.active, margin=margin, held_gap=held_gap)

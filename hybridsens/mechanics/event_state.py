@@ -42,7 +42,7 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     t, q, v = now
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
-    accelerations = gap_acceleration(scene, geometry, t, q, v).held(geometry, mode.active)
+    accelerations = gap_acceleration(scene, geometry, t, q, v).held(geometry.delassus, mode.active)
     mode = wider_scales(mode, geometry.jacobian, q, v, rate, atol)
     tolerance = mode.gap_tolerance(t)
     chosen_anew = event < 0  # at the start and at a flow jump
@@ -63,7 +63,8 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
 def rate_below_rounding(gap_acceleration, t, mode: ContactMode):
     """Rates up to which a contact that falls back hops lower than the rounding of its gap and its margin together. A
     contact that rests without a load has a margin, and a load that then grows presses it through."""
-    height = rounding(mode.length.dtype) * (mode.length + mode.clock_length(t)) + mode.margin
+    margin = jnp.where(mode.active, 0, mode.margin)
+    height = rounding(mode.length.dtype) * (mode.length + mode.clock_length(t)) + margin
     return jnp.sqrt(4 * jnp.abs(gap_acceleration) * height)
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.tolerances import closeness
 from .complementarity import complementarity_support
 from .contact import ContactGeometry, gap_rate_and_bias
+from .delassus import Delassus
 from .flow import free_acceleration
 from .scene import AbstractScene
 
@@ -73,10 +74,9 @@ class GapAcceleration(NamedTuple):
     noise: Float[Array, "contact"]
     """What rounding leaves in it."""
 
-    def held(self, geometry: ContactGeometry, active: Bool[Array, "contact"]) -> Float[Array, "contact"]:
+    def held(self, W: Delassus, active: Bool[Array, "contact"]) -> Float[Array, "contact"]:
         """Phi'' where the active contacts are held, by (T1): free + W lambda."""
-        multiplier = geometry.delassus.solve(-self.free, active.astype(self.free.dtype))
-        return self.free + geometry.delassus @ multiplier
+        return self.free + W @ W.solve(-self.free, active.astype(self.free.dtype))
 
 
 def gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v) -> GapAcceleration:
@@ -87,13 +87,10 @@ def gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v) -
     return GapAcceleration(geometry.jacobian @ free + bias, closeness(q.dtype) * size)
 
 
-def gauss_selection(
-    geometry: ContactGeometry, acceleration: GapAcceleration, rate, closed: Bool[Array, "contact"], slowest
-) -> Selection:
-    """Gauss's principle (1.4)-(1.5) as (T2) on the contacts that are closed and have no rate.
+def gauss_selection(W: Delassus, acceleration: GapAcceleration, still: Bool[Array, "contact"]) -> Selection:
+    """Gauss's principle (1.4)-(1.5) as (T2) on the contacts that are closed and have no rate, those `still`:
 
-    0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0; a rate up to `slowest` (contact,) counts as none.
+    0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0.
     """
-    still = closed & (jnp.abs(rate) <= slowest)
-    active = complementarity_support(geometry.delassus, acceleration.free, still, acceleration.noise)
-    return Selection(active, still & ~active & (acceleration.held(geometry, active) <= acceleration.noise))
+    active = complementarity_support(W, acceleration.free, still, acceleration.noise)
+    return Selection(active, still & ~active & (acceleration.held(W, active) <= acceleration.noise))

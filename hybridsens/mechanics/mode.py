@@ -28,8 +28,9 @@ class ContactMode(eqx.Module):
     active: Bool[Array, "contact"]
     """Contacts held closed by a positive multiplier."""
     margin: Float[Array, "contact"]
-    """Penetration granted to a contact that is closed without a multiplier of its own (a redundant foot, balls that
-    touch at rest), so that rounding does not fire its guard; 0 for every other contact [m]."""
+    """What is granted to a guard, so that rounding does not fire it: penetration, to a contact that is closed without a
+    multiplier of its own (a redundant foot, balls that touch at rest) [m]; a pull, to one that is held without a force
+    (two feet, with the load on the line through two others) [N]; 0 for every other contact."""
     held_gap: Float[Array, "contact"]
     """Where a contact was when it closed, 0 up to rounding: there it is held, so that closing moves nothing [m]."""
     fastest: Float[Array, "contact"]

@@ -3,6 +3,7 @@
 import enum
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
@@ -11,6 +12,7 @@ from ..numerics.tolerances import closeness
 from .complementarity import independent_superset
 from .contact import Instant, gap_and_rate
 from .event_state import EventState, rate_below_rounding
+from .handover import Problem, look_ahead, may_be_undecided
 from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
 from .mode import ContactMode
 from .scene import AbstractScene
@@ -29,6 +31,8 @@ class Impact(NamedTuple):
     v: Float[Array, "dof"]
     """Velocities after."""
     selection: Selection
+    pull: Float[Array, "contact"]
+    """What one that is held without a force may pull by rounding, before it is let go [N]."""
 
 
 class Turn(enum.IntEnum):
@@ -43,6 +47,8 @@ class Turn(enum.IntEnum):
     BROUGHT_TO_REST = 3
     """The law with those at rest; it is needed in any case, since the turn before selected with a wider limit. Impulses
     that bring to rest may pull other contacts closed: the turn is repeated with these, until none is pulled."""
+    AHEAD = 4
+    """Which of the contacts that are closed without a force are pressed next. It is left out where there are none."""
 
 
 def apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: Instant, mode: ContactMode) -> Impact:
@@ -61,14 +67,11 @@ def apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: I
     def take_turn(carry):
         turn, last = carry
         impact = laws.apply(turn, last)
-        skips = (turn == Turn.SLOW_PLASTIC) & ~jnp.any(impact.plastic != last.plastic)
-        repeats = (turn == Turn.BROUGHT_TO_REST) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
-        return jnp.where(skips, Turn.TOGETHER, jnp.where(repeats, Turn.BROUGHT_TO_REST, turn + 1)), impact
+        return laws.turn_after(turn, last, impact), impact
 
-    several = (not laws.one_contact) & (jnp.sum(impacting) > 1)  # one contact has no neighbour to settle with
-    turns = jnp.where(several, len(Turn), Turn.TOGETHER)
-    start = Impact(slow, no_contact, no_contact, now.v, Selection(no_contact, no_contact))
-    return lax.while_loop(lambda carry: carry[0] < turns, take_turn, (jnp.array(0), start))[1]
+    nothing = jnp.zeros_like(at_event.gap)
+    start = Impact(slow, no_contact, no_contact, now.v, Selection(no_contact, no_contact), nothing)
+    return lax.while_loop(lambda carry: carry[0] < len(Turn), take_turn, (jnp.array(0), start))[1]
 
 
 class _Laws(NamedTuple):
@@ -93,28 +96,63 @@ class _Laws(NamedTuple):
         """What counts as no rate."""
         return closeness(self.now.q.dtype) * self.mode.speed
 
+    def turn_after(self, turn: Int[Array, ""], last: Impact, impact: Impact) -> Int[Array, ""]:
+        """The turn that follows one that made `impact` out of `last`."""
+        skips = (turn == Turn.SLOW_PLASTIC) & ~jnp.any(impact.plastic != last.plastic)
+        repeats = (turn == Turn.BROUGHT_TO_REST) & jnp.any(impact.brought_to_rest != last.brought_to_rest)
+        following = jnp.where(skips, Turn.TOGETHER, jnp.where(repeats, Turn.BROUGHT_TO_REST, turn + 1))
+        if self.one_contact:  # it has no neighbour to settle with, and none to hand a force to
+            return jnp.where(following == Turn.TOGETHER, len(Turn), following)
+        several = jnp.sum(self.at_event.impacting) > 1
+        following = jnp.where((following == Turn.TOGETHER) & ~several, Turn.AHEAD, following)
+        decided = ~may_be_undecided(self.at_event, self.mode, impact.selection)
+        return jnp.where((following == Turn.AHEAD) & decided, len(Turn), following)
+
     def apply(self, turn: Int[Array, ""], last: Impact) -> Impact:
         """One turn, from what the last one left: impulses, the velocities after them, and the contacts held then."""
-        (t, q, v), geometry, impacting = self.now, self.at_event.geometry, self.at_event.impacting
-        restitution = jnp.where(last.plastic, 0, self.scene.restitution())
-        support = impulse_support(geometry, self.at_event.rate, restitution, impacting, self.mode.speed)
+        geometry = self.at_event.geometry
+        impact, energy = self._struck(last)
+        after = self.now._replace(v=impact.v)
+        _, rate = gap_and_rate(self.scene, *after)
+        acceleration = gap_acceleration(self.scene, geometry, *after)
+        if energy is None:
+            still = self.at_event.closed & (jnp.abs(rate) <= self._least_speed())
+            selection = gauss_selection(geometry.delassus, acceleration, still)
+            return impact._replace(selection=selection, plastic=self._plastic(turn, last, selection))
+        settle_speed = self._settle_speed(acceleration.held(geometry.delassus, last.selection.active))
+        problem = self._problem(turn, impact, (acceleration, rate), settle_speed)
+        selection = gauss_selection(problem.W, problem.acceleration, problem.still)
+        impact = impact._replace(selection=selection, plastic=self._plastic(turn, last, selection))
+        is_little = energy <= self._little_energy(settle_speed, last.brought_to_rest)
+        return self._joined(turn, last, impact, (problem, rate, is_little | (turn == Turn.TOGETHER)))
+
+    def _struck(self, last: Impact) -> tuple[Impact, Float[Array, ""] | None]:
+        """The velocities after the impulses, and what settling changes of the energy."""
+        geometry, rate, restitution = self.at_event.geometry, self.at_event.rate, self.scene.restitution()
+        restitution = jnp.where(last.plastic, 0, restitution)
+        support = impulse_support(geometry, rate, restitution, self.at_event.impacting, self.mode.speed)
         rests = None if self.one_contact else last.brought_to_rest
-        impulse = transition_impulse(geometry, self.at_event.rate, restitution, support, rests)
-        v_after = v + geometry.mobility @ impulse.total
-        _, rate = gap_and_rate(self.scene, t, q, v_after)
-        acceleration = gap_acceleration(self.scene, geometry, t, q, v_after)
-        candidates, limit = self.at_event.closed, jnp.maximum(self.rest_speed, self._speed_below_zero())
-        if impulse.settling_energy is not None:
-            settle_speed = self._settle_speed(acceleration.held(geometry, last.selection.active))
-            candidates = jnp.where(turn == Turn.TOGETHER, impacting, candidates)
-            limit = jnp.where(turn == Turn.TOGETHER, settle_speed, limit)
-        selection = gauss_selection(geometry, acceleration, rate, candidates, limit)
-        plastic = jnp.where(turn == Turn.SLOW_PLASTIC, self.slow & selection.active, last.plastic)
-        brought_to_rest = last.brought_to_rest
-        if impulse.settling_energy is not None:
-            is_little = impulse.settling_energy <= self._little_energy(settle_speed, brought_to_rest)
-            brought_to_rest = self._brought_to_rest(turn, last, selection, rate) & (is_little | (turn == Turn.TOGETHER))
-        return Impact(plastic, support, brought_to_rest, v_after, selection)
+        impulse = transition_impulse(geometry, rate, restitution, support, rests)
+        v_after = self.now.v + geometry.mobility @ impulse.total
+        return last._replace(support=support, v=v_after), impulse.settling_energy
+
+    def _problem(self, turn, impact: Impact, after, settle_speed) -> Problem:
+        """What Gauss's principle is asked in a turn: which contacts are held now, or which are pressed next."""
+        acceleration, rate = after
+        together = turn == Turn.TOGETHER
+        candidates = jnp.where(together, self.at_event.impacting, self.at_event.closed)
+        still = candidates & (jnp.abs(rate) <= jnp.where(together, settle_speed, self._least_speed()))
+        at_once = lambda: Problem.at_once(self.at_event.geometry.delassus, acceleration, still)
+        after = self.now._replace(v=impact.v)
+        ahead = lambda: look_ahead(self.scene, self.at_event, after, self.mode, (still, impact.selection))
+        return lax.cond(turn == Turn.AHEAD, ahead, at_once)
+
+    def _plastic(self, turn, last: Impact, selection: Selection) -> Bool[Array, "contact"]:
+        return jnp.where(turn == Turn.SLOW_PLASTIC, self.slow & selection.active, last.plastic)
+
+    def _least_speed(self):
+        """Rates up to this one count as none."""
+        return jnp.maximum(self.rest_speed, self._speed_below_zero())
 
     def _speed_below_zero(self):
         """Of contacts that are chosen anew, as at the start: up to this rate one whose gap is below zero by rounding
@@ -133,14 +171,23 @@ class _Laws(NamedTuple):
         of_each = settle_speed**2 / jnp.where(brought_to_rest, self.at_event.geometry.delassus.diagonal(), 1)
         return AMPLIFIED * jnp.sum(jnp.where(brought_to_rest, of_each, 0))
 
-    def _brought_to_rest(self, turn, last: Impact, selection: Selection, rate) -> Bool[Array, "contact"]:
-        """First those that rest, were all held together, if that is more than before; then those that are pulled closed
-        too. Only contacts that are independent of each other can be brought to rest."""
-        together = turn == Turn.TOGETHER
+    def _joined(self, turn, last: Impact, impact: Impact, given) -> Impact:
+        """What is added to the contacts that are pressed, as far as these are independent of each other: contacts that
+        are brought to rest, or, once it is told who is pressed next, those that block each other's way.
+
+        First those are brought to rest that rest, were all held together, if that is more than before; then those too
+        that are pulled closed."""
+        problem, rate, is_little = given
+        together, ahead = turn == Turn.TOGETHER, turn == Turn.AHEAD
+        selection = impact.selection
         rests = selection.active | selection.resting
-        more = jnp.any(rests & ~(last.selection.active | last.selection.resting))
         so_far = last.brought_to_rest
         pulled = (turn == Turn.BROUGHT_TO_REST) & jnp.any(so_far) & self.at_event.impacting & (rate < -self.rest_speed)
-        first = jnp.where(together, selection.active, so_far)
-        wanted = jnp.where(together, rests, so_far | pulled)
-        return independent_superset(self.at_event.geometry.delassus, first, wanted) & (more | ~together)
+        first = jnp.where(ahead, problem.pressed(selection), jnp.where(together, selection.active, so_far))
+        wanted = jnp.where(ahead, problem.idle(selection), jnp.where(together, rests, so_far | pulled))
+        more = independent_superset(self.at_event.geometry.delassus, first, wanted)
+        is_more = jnp.any(rests & ~(last.selection.active | last.selection.resting)) | ~together
+        brought_to_rest = jnp.where(ahead, so_far, more & is_more & is_little)
+        held, pull = problem.held(selection, more)
+        selection = jax.tree.map(lambda new, old: jnp.where(ahead, new, old), held, selection)
+        return impact._replace(brought_to_rest=brought_to_rest, selection=selection, pull=jnp.where(ahead, pull, 0))

@@ -77,28 +77,29 @@ class MechanicalSystem(AbstractFlatSystem):
     def guards(self, t, x, mode: ContactMode):
         """Phi_i where the contact is not active, lambda_i where it is."""
         q, v, _ = self.split(x)
-        gap = self.scene.gap(t, q) + mode.margin
+        gap = self.scene.gap(t, q)
         if not self.scene.sustained_contact:
-            return gap
-        return lax.cond(
+            return gap + mode.margin
+        guard = lax.cond(
             jnp.any(mode.active),
             lambda: jnp.where(mode.active, multipliers(self.scene, t, q, v, mode.active), gap),
             lambda: gap,
         )
+        return guard + mode.margin
 
     def guards_and_rates(self, t, x, mode: ContactMode):
         """As the general rule, but an open contact's rate Phi' costs no flow and no multiplier."""
         q, v, _ = self.split(x)
         gap, rate = gap_and_rate(self.scene, t, q, v)
-        gap = gap + mode.margin
         if not self.scene.sustained_contact:
-            return gap, rate
+            return gap + mode.margin, rate
 
         def with_multipliers():
             multiplier, multiplier_rate = multipliers_and_rates(self.scene, t, q, v, mode.active)
             return jnp.where(mode.active, multiplier, gap), jnp.where(mode.active, multiplier_rate, rate)
 
-        return lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
+        guard, rate = lax.cond(jnp.any(mode.active), with_multipliers, lambda: (gap, rate))
+        return guard + mode.margin, rate
 
     def warn_of_sampled(self, t, x):
         """Say which gaps are only sampled inside a step, and which forces; of these it is known where declared times

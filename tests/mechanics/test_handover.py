@@ -1,0 +1,185 @@
+"""A load that goes from one redundant foot to another, and one that rests between two."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hybridsens as hs
+from tests.closeness import assert_close
+
+WEIGHT = 20.0
+
+
+class Table(hs.AbstractScene):
+    """A table whose load moves from `start` at a constant velocity, or swings; q = height and two tilts. The feet stand
+    at (x, y)."""
+
+    x: jax.Array
+    y: jax.Array
+    start: jax.Array
+    velocity: jax.Array
+    frequency: jax.Array = 0.0
+    restitution_coefficient: jax.Array = 0.3
+
+    def mass_matrix(self, q):
+        return jnp.diag(jnp.array([2.0, 0.3, 0.4]))
+
+    def load(self, t):
+        swings = self.frequency > 0
+        way = jnp.where(swings, jnp.sin(self.frequency * t) / jnp.where(swings, self.frequency, 1), t)
+        return self.start + self.velocity * way
+
+    def force(self, t, q, v):
+        return -WEIGHT * jnp.concatenate([jnp.ones(1), self.load(t)])
+
+    def gap(self, t, q):
+        return q[0] + self.x * q[1] + self.y * q[2]
+
+    def restitution(self):
+        return jnp.full(self.x.shape, self.restitution_coefficient)
+
+
+class Peg(hs.AbstractScene):
+    """A peg in a slot that it fits exactly, pulled to and fro."""
+
+    frequency: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return jnp.cos(self.frequency * t)[None]
+
+    def gap(self, t, q):
+        return jnp.concatenate([q, -q])
+
+    def restitution(self):
+        return jnp.full(2, 0.5)
+
+
+class Ramps(hs.AbstractScene):
+    """Bodies on the floor, each pulled up by r (t - t0)."""
+
+    t0: jax.Array
+    r: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(q.shape[0])
+
+    def force(self, t, q, v):
+        return self.r * (t - self.t0)
+
+    def gap(self, t, q):
+        return q
+
+    def restitution(self):
+        return jnp.zeros(self.r.shape)
+
+
+FOUR = np.array([[0.5, -0.5, -0.5, 0.5], [0.4, 0.4, -0.4, -0.4]])
+AT_REST = hs.State(jnp.zeros(3), jnp.zeros(3))
+
+
+def table(start, velocity, feet=FOUR, frequency=0.0):
+    return Table(*map(jnp.asarray, (feet[0], feet[1], np.array(start), np.array(velocity), frequency)))
+
+
+@jax.jit
+def stand(scene, t1):
+    return hs.simulate(scene, AT_REST, t1=t1, max_events=32, throw=False)
+
+
+def assert_stands(trajectory):
+    """The truth while the load is between the feet: nothing moves, nothing strikes."""
+    assert trajectory.status == hs.Status.successful
+    np.testing.assert_allclose(trajectory.final.q, np.zeros(3), atol=1e-14)
+    kinds = np.asarray(trajectory.events.kind)[: int(trajectory.events.count)]
+    assert (kinds == hs.EventKind.RELEASE).all()
+
+
+@pytest.mark.parametrize("height", [-0.31, -0.1, 0.05, 0.2])
+def test_a_load_that_crosses_a_diagonal_moves_nothing(height):
+    """Feet are let go, if any, where the load comes to a diagonal, |x| / 0.5 = |y| / 0.4."""
+    trajectory = stand(table((-0.45, height), (0.3, 0.0)), 3.0)
+    assert_stands(trajectory)
+    crossings = (np.array([-1, 1]) * abs(height) / 0.8 + 0.45) / 0.3
+    for time in np.asarray(trajectory.events.time)[: int(trajectory.events.count)]:
+        assert np.min(np.abs(crossings - time)) < 1e-11
+
+
+def test_loads_that_swing_between_the_feet_move_nothing():
+    rng = np.random.default_rng(7)
+    handed_over = 0
+    for _ in range(40):
+        frequency = rng.uniform(1, 10)
+        scene = table(rng.choice([0, 1]) * rng.uniform(-0.1, 0.1, 2), rng.uniform(-0.3, 0.3, 2) * frequency)
+        trajectory = stand(Table(scene.x, scene.y, scene.start, scene.velocity, jnp.asarray(frequency)), 2.0)
+        assert_stands(trajectory)
+        handed_over += int(trajectory.events.count)
+    assert handed_over > 20
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4])
+@pytest.mark.parametrize("feet", [4, 6])
+def test_a_table_with_its_load_in_the_middle_stands_for_long(feet, angle):
+    """Rounding alone does not tip it about the line through the two feet that carry the load."""
+    at = 2 * np.pi * (np.arange(feet) + 0.5) / feet + angle
+    trajectory = stand(table((0.0, 0.0), (0.0, 0.0), np.stack([np.cos(at), np.sin(at)])), 1000.0)
+    assert_stands(trajectory)
+    assert trajectory.events.count == 0 and trajectory.steps.accepted + trajectory.steps.rejected < 20
+
+
+@pytest.mark.parametrize("off", [1e-16, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9])
+def test_a_load_next_to_a_diagonal_moves_nothing(off):
+    trajectory = stand(table((0.125 + off, -0.1), (0.0, 0.0)), 20.0)
+    assert_stands(trajectory)
+    assert trajectory.events.count == 0
+
+
+def test_a_load_that_leaves_the_table_tips_it():
+    """Beyond the edge x = 1/2 the table turns about that edge, z = -a / 2: (J + m / 4) a'' = -W (s t - 1/2), from the
+    instant at which the load comes there."""
+    speed, t1 = 0.4, 1.6
+
+    def tilt(speed):
+        scene = table((-0.3, 0.2), (0.0, 0.0))
+        scene = Table(scene.x, scene.y, scene.start, jnp.stack([speed, jnp.zeros(())]))
+        trajectory = hs.simulate(scene, AT_REST, t1=t1 + 2.0, max_events=32)
+        return trajectory.final.q[1]
+
+    value, slope = jax.jit(jax.value_and_grad(tilt))(jnp.asarray(speed))
+    flight = t1 + 2.0 - 0.8 / speed
+    inertia = 0.3 + 2.0 / 4
+    assert_close(value, -WEIGHT * speed * flight**3 / (6 * inertia), 1e-9)
+    assert_close(slope, -WEIGHT * (flight**3 + 3 * speed * flight**2 * 0.8 / speed**2) / (6 * inertia), 1e-8)
+
+
+def test_a_peg_that_fits_exactly_is_handed_from_wall_to_wall():
+    """Its force passes from one wall to the other at the zeros of cos w t, and nothing strikes."""
+
+    def first(frequency):
+        state = hs.State(jnp.zeros(1), jnp.zeros(1))
+        return hs.simulate(Peg(frequency), state, t1=5.0, max_events=32)
+
+    trajectory = jax.jit(first)(jnp.asarray(3.0))
+    assert trajectory.events.count == 5
+    assert (trajectory.events.kind[:5] == hs.EventKind.RELEASE).all()
+    assert_close(trajectory.events.time[:5], (np.arange(5) + 0.5) * np.pi / 3, 1e-11)
+    np.testing.assert_allclose(trajectory.final.q, np.zeros(1), atol=1e-14)
+    slope = jax.jit(jax.grad(lambda frequency: first(frequency).events.time[1]))(jnp.asarray(3.0))
+    assert_close(slope, -1.5 * np.pi / 9, 1e-9)
+
+
+@pytest.mark.parametrize("apart", [0, 2, 32])
+def test_bodies_let_go_within_a_few_roundings_of_each_other(apart):
+    """At t they are at r (t - t0)^3 / 6."""
+    rng = np.random.default_rng(apart)
+    state = hs.State(jnp.zeros(4), jnp.zeros(4))
+    run = jax.jit(lambda scene: hs.simulate(scene, state, t1=2.0, max_events=16, throw=False))
+    for _ in range(10):
+        t0 = 0.8 + np.spacing(0.8) * rng.integers(0, apart + 1, 4)
+        r = 10 ** rng.uniform(-2, 2, 4)
+        trajectory = run(Ramps(jnp.asarray(t0), jnp.asarray(r)))
+        assert trajectory.status == hs.Status.successful
+        assert_close(trajectory.final.q, r * 1.2**3 / 6, 1e-9)
