@@ -95,7 +95,7 @@ def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Con
     if not scene.sustained_contact:
         return _bounce(scene, at_event, now, mode, grazing, status)
     impact = apply_laws(scene, limits.capture_speed, at_event, now, mode)
-    after = _with_held(mode, impact, at_event.gap, now.t)
+    after = _with_held(mode, impact, at_event, now.t)
     kind = jnp.where(after.active[event], EventKind.CAPTURE, EventKind.IMPACT)
     detail = ImpactDetail(at_event.triggered & ~is_release, impact.support, impact.plastic, impact.brought_to_rest)
     leaving = at_event.impacting & ~after.held
@@ -164,9 +164,13 @@ def _order_matters(at_event: EventState, support, mode: ContactMode) -> Bool[Arr
     return several | (is_impact & jnp.any(beside & acted_on_nearby(at_event.geometry, at_event.triggered)))
 
 
-def _with_held(mode: ContactMode, impact: Impact, gap, t) -> ContactMode:
+def _with_held(mode: ContactMode, impact: Impact, at_event: EventState, t) -> ContactMode:
     """The mode with the contacts held that an impact leaves closed, each where it is now."""
+    gap = at_event.gap
     margin = jnp.where(impact.selection.resting, mode.gap_tolerance(t), impact.pull)
-    held_gap = jnp.where(mode.active, mode.held_gap, jnp.maximum(gap, 0))
+    # At a late clock an impact is found deeper than a gap is rounded: there the contact stays.
+    deep = at_event.impacting & (gap < -mode.gap_tolerance(t))
+    placed = jnp.where(deep, gap, jnp.maximum(gap, 0))
+    held_gap = jnp.where(mode.active, mode.held_gap, placed)
     margin, held_gap = lax.stop_gradient((margin, held_gap))
     return dataclasses.replace(mode, active=impact.selection.active, margin=margin, held_gap=held_gap)

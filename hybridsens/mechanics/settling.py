@@ -33,6 +33,8 @@ class Impact(NamedTuple):
     selection: Selection
     pull: Float[Array, "contact"]
     """What one that is held without a force may pull by rounding, before it is let go [N]."""
+    settle_speed: Float[Array, "contact"]
+    """Speeds below which a neighbour that is kicked off falls back at once, as it falls while it is not held."""
 
 
 class Turn(enum.IntEnum):
@@ -70,7 +72,7 @@ def apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: I
         return laws.turn_after(turn, last, impact), impact
 
     nothing = jnp.zeros_like(at_event.gap)
-    start = Impact(slow, no_contact, no_contact, now.v, Selection(no_contact, no_contact), nothing)
+    start = Impact(slow, no_contact, no_contact, now.v, Selection(no_contact, no_contact), nothing, nothing)
     return lax.while_loop(lambda carry: carry[0] < len(Turn), take_turn, (jnp.array(0), start))[1]
 
 
@@ -120,9 +122,11 @@ class _Laws(NamedTuple):
             selection = gauss_selection(geometry.delassus, acceleration, still)
             return impact._replace(selection=selection, plastic=self._plastic(turn, last, selection))
         settle_speed = self._settle_speed(acceleration.held(geometry.delassus, last.selection.active))
+        settle_speed = jnp.where(turn == Turn.BROUGHT_TO_REST, last.settle_speed, settle_speed)
         problem = self._problem(turn, impact, (acceleration, rate), settle_speed)
         selection = gauss_selection(problem.W, problem.acceleration, problem.still)
         impact = impact._replace(selection=selection, plastic=self._plastic(turn, last, selection))
+        impact = impact._replace(settle_speed=settle_speed)
         is_little = energy <= self._little_energy(settle_speed, last.brought_to_rest)
         return self._joined(turn, last, impact, (problem, rate, is_little | (turn == Turn.TOGETHER)))
 
