@@ -38,6 +38,8 @@ class GradientCheck(NamedTuple):
         if self.ok:
             all_tested = not any(entry.verdict for entry in self.events)
             told = ["All agree."] if all_tested else ["All that could be tested agree.", *map(_cause_line, self.causes)]
+            if not any(entry.adjoint or entry.differences for entry in self.parameters):
+                told += [wrapped("Every derivative is zero: make sure that the cost reads the motion of its scene.", 4)]
             return "\n".join([*lines, "", *told])
         wrong = [entry.parameter for entry in self.parameters if entry.verdict]
         events = [entry.label for entry in self.events if entry.verdict]

@@ -121,7 +121,7 @@ def test_loads_that_swing_between_the_feet_move_nothing():
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4])
-@pytest.mark.parametrize("feet", [4, 6])
+@pytest.mark.parametrize("feet", [4, pytest.param(6, marks=pytest.mark.slow)])
 def test_a_table_with_its_load_in_the_middle_stands_for_long(feet, angle):
     """Rounding alone does not tip it about the line through the two feet that carry the load."""
     at = 2 * np.pi * (np.arange(feet) + 0.5) / feet + angle
