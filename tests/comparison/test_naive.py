@@ -62,7 +62,7 @@ def test_differences_do_not_hide_a_function_without_values():
 def test_fixed_steps_of_a_system_say_that_they_keep_no_events():
     """So the row of a comparison has a sentence in it, and no name of a class."""
     motion = where_transition(Decay(), jnp.array(1.0), t1=1.0, steps=4)
-    with pytest.raises(NotImplementedError, match="no record of events"):
+    with pytest.raises(NotImplementedError, match="does not know its events"):
         _ = motion.events
 
 

@@ -6,9 +6,6 @@ The instant of an event is a multiple of the step here, so automatic differentia
 d t_k = 0 in (T6). What is missing, (R_x f- - f+) dt_k, does not vanish with the step.
 """
 
-from typing import Any
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -30,10 +27,7 @@ def where_reset(
 
     Raises: NotImplementedError if states at `ts` are asked for, ValueError if `steps` is below 1.
     """
-    if ts is not None:
-        raise NotImplementedError("the fixed-step loop keeps no states at `ts`")
-    if steps < 1:
-        raise ValueError(f"`steps` must be >= 1, but is {steps}.")
+    _must_serve(ts, steps)
     dt = (jnp.asarray(t1, state.q.dtype) - t0) / steps
 
     def step(carry, k):
@@ -46,12 +40,23 @@ def where_reset(
         q = state.q + dt * v
         return (State(q, _reset_where_closed(scene, t + dt, q, v)), cost), None
 
-    cost = None
-    if running_cost is not None:
-        shapes = jax.eval_shape(lambda: running_cost(scene, jnp.zeros_like(dt), state.q, state.v))
-        cost = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    cost = _no_cost(running_cost, scene, dt, state.q, state.v)
     (final, cost), _ = lax.scan(step, (state, cost), jnp.arange(steps, dtype=state.q.dtype))
     return BaselineMotion(final, cost)
+
+
+def _must_serve(ts, steps: int) -> None:
+    """Raise NotImplementedError for states at `ts`, ValueError for less than one step."""
+    if ts is not None:
+        raise NotImplementedError("the fixed-step loop keeps no states at `ts`")
+    if steps < 1:
+        raise ValueError(f"`steps` must be >= 1, but is {steps}.")
+
+
+def _no_cost(running_cost, *instant):
+    """Zeros of the structure of a running cost, from which it is added up; None without one."""
+    shapes = None if running_cost is None else jax.eval_shape(lambda: running_cost(*instant))
+    return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
 
 
 def _reset_where_closed(scene: AbstractScene, t, q, v):
@@ -65,25 +70,9 @@ def _reset_where_closed(scene: AbstractScene, t, q, v):
     return v
 
 
-class SystemMotion(eqx.Module):
-    """End of a hybrid system's motion in fixed steps, with the names of a `Solution`."""
-
-    final: Any
-    """State at t1."""
-    mode: Any
-    """Mode at t1."""
-    cost: Any
-    """Integral of the running cost by the rectangle rule; None without one."""
-
-    @property
-    def events(self):
-        """Raises: NotImplementedError."""
-        raise NotImplementedError("the fixed-step loop keeps no record of events")
-
-
 def where_transition(
     system: AbstractHybridSystem, x0, mode=None, *, t0=0.0, t1, ts=None, running_cost=None, steps: int = 10_000
-) -> SystemMotion:
+) -> BaselineMotion:
     """Motion in `steps` equal steps of the midpoint rule: (x, mode) = where(guard fell, transition, (x, mode)).
 
     Guards are looked at one after the other, at the ends of steps. The value converges with the step; what a gradient
@@ -91,11 +80,8 @@ def where_transition(
 
     Raises: NotImplementedError for states at `ts`, ValueError if `steps` is below 1.
     """
-    if steps < 1:
-        raise ValueError(f"`steps` must be >= 1, but is {steps}.")
+    _must_serve(ts, steps)
     x0, mode = jax.tree.map(jnp.asarray, (x0, mode))
-    if ts is not None:
-        raise NotImplementedError("the fixed-step loop keeps no states at `ts`")
     dt = jnp.asarray(t1 - t0, float) / steps
     add = lambda x, rate, h: jax.tree.map(lambda x, r: x + h * r, x, rate)
 
@@ -109,13 +95,10 @@ def where_transition(
         before = _watched(system, t, x, mode)
         return (*_switched(system, t + dt, before, moved, mode), cost), None
 
-    cost = None
-    if running_cost is not None:
-        shapes = jax.eval_shape(lambda: running_cost(system, dt, x0, mode))
-        cost = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    cost = _no_cost(running_cost, system, dt, x0, mode)
     start = _switched(system, t0, _due(system, t0, x0, mode), x0, mode)
     (x, mode, cost), _ = lax.scan(step, (*start, cost), jnp.arange(steps, dtype=dt.dtype))
-    return SystemMotion(x, mode, cost)
+    return BaselineMotion(x, cost, mode=mode)
 
 
 def _due(system: AbstractHybridSystem, t0, x, mode):

@@ -1,4 +1,4 @@
-"""What a baseline returns: as much of a `Trajectory` as it knows."""
+"""What a baseline returns: as much of a `Trajectory`, or of a `Solution`, as it knows."""
 
 from typing import Any
 
@@ -15,9 +15,9 @@ from ...mechanics.trajectory import Events
 
 
 class BaselineMotion(eqx.Module):
-    """A motion from t0 to t1, with the names of a `Trajectory`."""
+    """A motion from t0 to t1, with the names of a `Trajectory`, or of a `Solution`."""
 
-    final: State
+    final: Any
     """State at t1."""
     cost: Any
     """Integral of the running cost, with its structure; None without one."""
@@ -29,6 +29,8 @@ class BaselineMotion(eqx.Module):
     """Velocities there."""
     recorded: Events | None = None
     """Events, by a method that finds them."""
+    mode: Any = None
+    """Mode of a hybrid system at t1."""
 
     @property
     def events(self) -> Events:
