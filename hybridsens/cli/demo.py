@@ -11,7 +11,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from ..comparison.demo import Demonstration, demonstrate, relative_errors
+from ..comparison.compare import relative_error, relative_errors
+from ..comparison.demo import Demonstration, demonstrate
 from ..export.names import contact_names
 from ..export.text import MOST_ROWS
 from ..mechanics.event_table import impulse_of
@@ -124,7 +125,7 @@ def _print_events(console: Console, scene: Any, motion: Trajectory | Solution) -
 
 
 def _print_gradients(console: Console, shown: Demonstration) -> None:
-    (off,) = relative_errors(np.array([shown.naive_cost]), np.array([shown.cost]))
+    off = relative_error(shown.naive_cost, shown.cost)
     print(f"J = int running_cost dt = {shown.cost:.10g} (naive loop: {shown.naive_cost:.6g}, off by {off:.1e})")
     print("dJ/dtheta, with errors relative to the largest entry of the differences:")
     table = Table(box=SIMPLE_HEAD, padding=0)  # columns are a place apart; names of 23 letters fit in

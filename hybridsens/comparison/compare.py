@@ -157,7 +157,12 @@ def must_be_finite(value: float, gradient: np.ndarray) -> None:
         raise FloatingPointError(f"not finite: value {value:g}, gradient {gradient}")
 
 
-def relative_error(found, known) -> float:
-    """Largest deviation, relative to the largest known entry; absolute where all of them are zero."""
+def relative_errors(found, known) -> np.ndarray:
+    """Deviations, relative to the largest known entry; absolute where all of them are zero."""
     scale = np.max(np.abs(known))
-    return float(np.max(np.abs(found - known)) / (scale if scale > 0 else 1))
+    return np.asarray(np.abs(found - known) / (scale if scale > 0 else 1))
+
+
+def relative_error(found, known) -> float:
+    """The largest of the `relative_errors`."""
+    return float(np.max(relative_errors(found, known)))

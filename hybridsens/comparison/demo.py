@@ -1,6 +1,5 @@
 """The gradient of a ready-made scene's functional by three methods, timed: what `hybridsens demo` shows."""
 
-import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -18,22 +17,21 @@ from ..system import AbstractHybridSystem
 from .baselines import where_reset, where_transition
 from .differentiate import best_finite_differences
 from .functional import move, ready_made_motion
+from .timing import first_call, seconds_per_call
 
 REFERENCE_TOLERANCE = 1e-12
 """Of the motions that differences are taken of: they divide the noise of step selection by their width."""
 SAMPLES = 2001
 NAIVE_STEPS = 20_000
-SECONDS = 0.3
-"""For so long a program is timed, at least."""
 
 
 class Timing(NamedTuple):
     """How long a program took."""
 
     compile: float
-    """Tracing and compiling, once [s]."""
+    """The first call: tracing, compiling and running once [s]."""
     run: float
-    """One call after that, median [s]."""
+    """One call after that [s]."""
 
 
 class Demonstration(NamedTuple):
@@ -89,23 +87,11 @@ def demonstrate(scene: Any, *, tolerance: float = 1e-8) -> Demonstration:
 
 
 def timed(function: Callable[[Any], Any], argument: Any) -> tuple[Any, Timing]:
-    """Value of a function of one argument, with the time that compiling it took and the median time of a call."""
-    start = time.perf_counter()
-    compiled = jax.jit(function).lower(argument).compile()
-    compile_time = time.perf_counter() - start
-    value = jax.block_until_ready(compiled(argument))
-    calls: list[float] = []
-    while sum(calls) < SECONDS:
-        start = time.perf_counter()
-        jax.block_until_ready(compiled(argument))
-        calls.append(time.perf_counter() - start)
-    return value, Timing(compile_time, float(np.median(calls)))
-
-
-def relative_errors(values: Float[np.ndarray, "parameter"], truth: Float[np.ndarray, "parameter"]) -> np.ndarray:
-    """Errors relative to the largest entry of the truth, if that is not 0."""
-    largest = np.max(np.abs(truth))
-    return np.abs(values - truth) / (largest if largest > 0 else 1)
+    """Value of a function of one argument, with the times that its first call and a later one take."""
+    compiled = jax.jit(function)
+    call = lambda: compiled(argument)
+    value, first = first_call(call)
+    return value, Timing(first, seconds_per_call(call))
 
 
 def _cost(scene, **settings):
