@@ -17,7 +17,6 @@ from .wrapped import WrappedScene
 class CondensedScene(WrappedScene):
     """A scene that answers by what the traces of its functions come down to."""
 
-    scene: AbstractScene
     programs: tuple[tuple[str, Callable], ...] = eqx.field(static=True)
     """(name, program) of each function that was condensed: (leaves of the scene, *arguments) -> result."""
 
@@ -32,9 +31,6 @@ class CondensedScene(WrappedScene):
 
     def gap(self, t, q):
         return self._asked("gap", t, q)
-
-    def restitution(self):
-        return self.scene.restitution()
 
     def _asked(self, name: str, *arguments):
         program = dict(self.programs).get(name)

@@ -79,14 +79,7 @@ def contact_geometry(scene: AbstractScene, t, q) -> ContactGeometry:
 class SomeContacts(WrappedScene):
     """A scene with some of its contacts; the others are not there."""
 
-    scene: AbstractScene
     which: Int[Array, "few"]
-
-    def mass_matrix(self, q):
-        return self.scene.mass_matrix(q)
-
-    def force(self, t, q, v):
-        return self.scene.force(t, q, v)
 
     def gap(self, t, q):
         return _picked(self.scene.gap(t, q), self.which)

@@ -115,7 +115,6 @@ def _tridiagonal_pivots(mass: lx.TridiagonalLinearOperator) -> Float[Array, "dof
 class KnownMass(WrappedScene):
     """A scene whose mass matrix does not depend on q."""
 
-    scene: AbstractScene
     form: Literal["identity", "diagonal", "dense"] = eqx.field(static=True)
     inverse: Fixed | None
     """Of a dense one; its bits, so that it is no parameter: derivatives go by the matrix itself."""
@@ -129,17 +128,8 @@ class KnownMass(WrappedScene):
         assert self.inverse is not None
         return ConstantMass(matrix, self.inverse.number)
 
-    def force(self, t, q, v):
-        return self.scene.force(t, q, v)
-
     def _load(self, t, q, v):
         return self.scene._load(t, q, v)
-
-    def gap(self, t, q):
-        return self.scene.gap(t, q)
-
-    def restitution(self):
-        return self.scene.restitution()
 
 
 def with_known_mass(scene: AbstractScene, q) -> AbstractScene:

@@ -23,7 +23,7 @@ from .scene import AbstractScene, State
 
 
 class WrappedScene(AbstractScene):
-    """A scene around the one that the user wrote."""
+    """A scene around the one that the user wrote, whose methods it has unless it says otherwise."""
 
     scene: AbstractScene
 
@@ -34,6 +34,18 @@ class WrappedScene(AbstractScene):
     @property
     def known_discontinuities(self):  # type: ignore[override]
         return self.scene.known_discontinuities
+
+    def mass_matrix(self, q):
+        return self.scene.mass_matrix(q)
+
+    def force(self, t, q, v):
+        return self.scene.force(t, q, v)
+
+    def gap(self, t, q):
+        return self.scene.gap(t, q)
+
+    def restitution(self):
+        return self.scene.restitution()
 
 
 def as_written(scene: Any) -> Any:
