@@ -27,7 +27,7 @@ from .break_rules import (
     unmoved,
     where_equal,
 )
-from .calls import CALLS, called, inner_jaxpr
+from .calls import CALLS, called, inner_jaxpr, walked
 
 
 def breaks(closed_jaxpr, inputs: Sequence[str | None]) -> frozenset[Break]:
@@ -50,12 +50,7 @@ class _Walk:
         return self._keys.setdefault(expression, len(self._keys))
 
     def run(self, jaxpr, constants: list[Trait], arguments: list[Trait]) -> list[Trait]:
-        known = dict(zip((*jaxpr.constvars, *jaxpr.invars), (*constants, *arguments), strict=True))
-        read = lambda atom: of_number(atom.val) if hasattr(atom, "val") else known[atom]
-        for equation in jaxpr.eqns:
-            operands = [read(atom) for atom in equation.invars]
-            known.update(zip(equation.outvars, self._results(equation, operands), strict=True))
-        return [read(atom) for atom in jaxpr.outvars]
+        return walked(jaxpr, (*constants, *arguments), lambda atom: of_number(atom.val), self._results)
 
     def _results(self, equation, operands: list[Trait]) -> list[Trait]:
         name = equation.primitive.name

@@ -8,7 +8,7 @@ import numpy as np
 from jax import lax
 
 from . import jet as J
-from .calls import CALLS, inner_jaxpr
+from .calls import CALLS, inner_jaxpr, walked
 from .jet import Jet, Truth
 from .primitives import (
     BINARY,
@@ -39,12 +39,7 @@ def ranges(closed_jaxpr, arguments: Sequence[Any]) -> list[J.Interval]:
 
 
 def _run(jaxpr, constants, arguments) -> list[Any]:
-    known = dict(zip((*jaxpr.constvars, *jaxpr.invars), (*constants, *arguments), strict=True))
-    read = lambda atom: atom.val if hasattr(atom, "val") else known[atom]
-    for equation in jaxpr.eqns:
-        outcome = _evaluate(equation, [read(atom) for atom in equation.invars])
-        known.update(zip(equation.outvars, outcome, strict=True))
-    return [read(atom) for atom in jaxpr.outvars]
+    return walked(jaxpr, (*constants, *arguments), lambda atom: atom.val, _evaluate)
 
 
 def _evaluate(equation, operands: list[Any]) -> list[Any]:

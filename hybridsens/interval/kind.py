@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .calls import CALLS, inner_jaxpr
+from .calls import CALLS, inner_jaxpr, walked
 from .primitives import BINARY, LINEAR_SHAPES, LOGIC, PLACED, UNARY
 from .tables import is_interpolation
 
@@ -44,11 +44,8 @@ def kinds(closed_jaxpr, arguments: Sequence[Any]) -> np.ndarray:
 
 
 def _run(jaxpr, constants, arguments) -> list[np.ndarray]:
-    known = dict(zip((*jaxpr.constvars, *jaxpr.invars), (*constants, *arguments), strict=True))
-    read = lambda atom: np.zeros(np.shape(atom.val), int) if hasattr(atom, "val") else known[atom]
-    for equation in jaxpr.eqns:
-        known.update(zip(equation.outvars, _kinds(equation, [read(atom) for atom in equation.invars]), strict=True))
-    return [read(atom) for atom in jaxpr.outvars]
+    constant = lambda atom: np.zeros(np.shape(atom.val), int)
+    return walked(jaxpr, (*constants, *arguments), constant, _kinds)
 
 
 def _kinds(equation, operands: list[np.ndarray]) -> list[np.ndarray]:

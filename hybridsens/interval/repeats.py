@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun
 
-from .calls import inner_jaxpr
+from .calls import inner_jaxpr, walked
 from .tables import is_interpolation
 
 WORTH, SHORT = 0.75, 32
@@ -51,13 +51,8 @@ class Distinct:
 
     def _run(self, jaxpr: Jaxpr, given: list[Any]) -> list[Any]:
         """What stands for the results of a program, of its constants and arguments."""
-        stands_for = dict(zip((*jaxpr.constvars, *jaxpr.invars), given, strict=True))
-        read = lambda atom: atom if isinstance(atom, Literal) else stands_for[atom]
-        for equation in jaxpr.eqns:
-            operands = [read(atom) for atom in equation.invars]
-            results = (self._call if self.goes_inside(equation) else self._once)(equation, operands)
-            stands_for.update(zip(equation.outvars, results, strict=True))
-        return [read(atom) for atom in jaxpr.outvars]
+        way = lambda equation: self._call if self.goes_inside(equation) else self._once
+        return walked(jaxpr, given, lambda atom: atom, lambda equation, operands: way(equation)(equation, operands))
 
     def goes_inside(self, equation: JaxprEqn) -> bool:
         """Whether an equation is replaced by those of the program that it calls."""
