@@ -10,8 +10,7 @@ import jax.numpy as jnp
 from .system import AbstractHybridSystem
 from .validation.asked import Asked, is_method, kind_of
 from .validation.lost_derivatives import hides_tracers, method_of, undifferentiated, warn_of_mode_after
-from .validation.negated import must_not_negate
-from .validation.returned import must_be_pair, must_have_shape, must_match, outcome, returned_array, returned_leaves
+from .validation.returned import check_change, must_have_shape, must_match, outcome, returned_array, returned_leaves
 
 
 def state_as_arrays(x0) -> tuple[Any, Any]:
@@ -85,13 +84,7 @@ def check_system(system: AbstractHybridSystem, running_cost, t, x, mode) -> tupl
     guards = must_have_shape(guards, returned_array(guards, t, x, mode), ("guard",))
     counts = Counts(guards.shape[0], _scheduled_count(system, x, mode))
     if counts != (0, None):
-        event = jax.ShapeDtypeStruct((), jnp.asarray(0).dtype)
-        transition = Asked.of(system, "transition(event, t, x, mode)")
-        after = outcome(transition, event, t, x, mode)
-        must_be_pair(transition, after, "(x, mode)")
-        must_match(transition, "the state", after[0], x, exact=False)
-        must_match(transition, "the mode", after[1], mode, exact=True)
-        must_not_negate(transition, event, t, x, mode)
+        check_change(Asked.of(system, "transition(event, t, x, mode)"), "(x, mode)", "the state", x, (t, x, mode))
     if running_cost is None:
         return counts, None
     returned_leaves(Asked("running_cost(system, t, x, mode)", running_cost), system, t, x, mode)

@@ -164,11 +164,6 @@ class Run(NamedTuple):
     whole: bool
     """False if it was ended by hand in a stage, before the whole problem had begun."""
 
-    @property
-    def interrupted(self) -> bool:
-        """Whether somebody ended it."""
-        return self.stopped in (INTERRUPTED, STOPPED)
-
 
 def descend(
     method: Method | Growing, problem, z, limits: Limits, callbacks: Callbacks | None = None, stages: bool = True

@@ -138,8 +138,7 @@ def from_memory(
 ) -> "xr.Dataset":
     """A Dataset of arrays in memory."""
     data = {name: (v.dims, arrays[name], v.attributes) for name, v in layout.items()}
-    coords = {name: (dims, values, about) for name, (dims, values, about) in coordinates.items()}
-    return xarray().Dataset(data, coords, attributes)
+    return xarray().Dataset(data, coordinates, attributes)
 
 
 def from_store(location: Any, layout: Mapping[str, Variable], coordinates, attributes) -> "xr.Dataset":
