@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from ..comparison.check_gradient import check_gradient
 from .models import HELP, complete, runnable
 from .options import Json, print_json
 
@@ -19,8 +20,6 @@ def check(
 
     It takes a minute or more, most of it compilation.
     """
-    from ..comparison.check_gradient import check_gradient  # not needed by the other commands
-
     result = check_gradient(runnable(scene), tolerance=tolerance, max_events=max_events, max_steps=max_steps)
     if json:
         print_json({"scene": scene, "ok": result.ok, **result._asdict()})

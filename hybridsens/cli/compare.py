@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from ..comparison.compare import compare as run
+from ..comparison.compare_table import plot_comparison
 from .models import HELP, complete, file_name, runnable
 from .options import file_to_write, picture_to_write
 
@@ -22,9 +24,6 @@ def compare(
     ] = None,
 ) -> None:
     """Gradients by this package and by naive automatic differentiation: errors, times, memory. Ctrl-C keeps rows."""
-    from ..comparison.compare import compare as run  # matplotlib and the baselines are needed by this command only
-    from ..comparison.compare_table import plot_comparison
-
     chosen = runnable(scene)
     result = run(chosen, tolerance=tolerance, steps=steps)
     print(f"{scene}: J = int running_cost dt at tolerance {tolerance:g}, {steps} fixed steps\n\n{result}\n")

@@ -5,8 +5,11 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
+import jax.numpy as jnp
 import typer
 
+from ..parameters import parameter_places
+from ..validation.spelling import did_you_mean
 from .models import HELP, complete, startable
 from .options import Json, by_name, file_to_write, picture_to_write, print_json
 
@@ -45,7 +48,7 @@ def fit(
 
     Ctrl-C ends it with the best point so far, once it iterates.
     """
-    from ..estimation import GrowingHorizon, read_measurements
+    from ..estimation import GrowingHorizon, read_measurements  # takes as long as half of all other imports
     from ..estimation import fit as run_fit
 
     read = functools.partial(read_measurements, data, time=time or None, columns=_split(columns) or None,
@@ -89,11 +92,8 @@ def _summary(result: Any) -> dict[str, Any]:
 
 
 def _with_guess(scene: Any, guesses: list[str]) -> Any:
-    import jax.numpy as jnp
-
     from ..estimation.parameters import select
     from ..estimation.prepare import concrete
-    from ..parameters import parameter_places
 
     if not guesses:
         return scene
@@ -119,8 +119,6 @@ def _guess(text: str) -> tuple[str, list[float]]:
 
 
 def _known(name: str, known: list[str]) -> str:
-    from ..validation.spelling import did_you_mean
-
     if name not in known:
         raise typer.BadParameter(
             f"a guess must have a name among {', '.join(known)}, but has {name!r}.{did_you_mean(name, known)}"

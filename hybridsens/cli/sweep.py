@@ -5,8 +5,12 @@ import os
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
+from ..comparison.functional import move, ready_made_motion
+from ..configure import configure
+from ..export.datasets import write_netcdf
 from ..validation.spelling import did_you_mean
 from .models import HELP, complete, runnable
 from .options import by_name, file_to_write, picture_to_write
@@ -61,8 +65,7 @@ def sweep(
     chunk: Annotated[int, typer.Option(help="Points run and written at once.")] = 8192,
 ) -> None:
     """Run a scene at many points on all cores: J, its gradient, status and events of each."""
-    from ..export.datasets import write_netcdf
-    from ..sweeps import plot_sweep
+    from ..sweeps import plot_sweep  # SciPy's designs take a third as long as all other imports
     from ..sweeps import sweep as run_sweep
 
     _use_all_cores()
@@ -83,8 +86,6 @@ def sweep(
 
 
 def _use_all_cores() -> None:
-    from ..configure import configure
-
     try:
         configure(host_devices=os.cpu_count())
     except RuntimeError:  # JAX has started already (in a test, say): then with the devices that it has
@@ -92,8 +93,6 @@ def _use_all_cores() -> None:
 
 
 def _cost(t1, tolerance, max_events, max_steps):
-    from ..comparison.functional import move, ready_made_motion
-
     settings = dict(t1=t1, rtol=tolerance, atol=tolerance, max_events=max_events, max_steps=max_steps, throw=False)
 
     def cost(scene):
@@ -104,8 +103,6 @@ def _cost(t1, tolerance, max_events, max_steps):
 
 
 def _design(scene, vary: list[str], kind: str, points: int | None, seed: int | None):
-    import numpy as np
-
     from ..sweeps import designs
 
     ranges = by_name("--vary", vary, _range)

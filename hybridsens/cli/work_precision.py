@@ -4,8 +4,13 @@ import inspect
 from pathlib import Path
 from typing import Annotated, Any
 
+import diffrax
 import typer
 
+from ..adjoint import methods
+from ..comparison.work_precision import work_precision as run
+from ..comparison.work_precision_plot import plot_work_precision
+from ..comparison.work_precision_points import COLUMNS, TARGETS
 from ..validation.spelling import did_you_mean
 from .models import HELP, complete, file_name, runnable
 from .options import file_to_write, picture_to_write
@@ -31,10 +36,6 @@ def work_precision(
     ] = None,
 ) -> None:
     """Errors of J and of its gradient against time per gradient, and the setting to choose. Ctrl-C keeps the points."""
-    from ..comparison.work_precision import work_precision as run  # matplotlib is needed by these commands only
-    from ..comparison.work_precision_plot import plot_work_precision
-    from ..comparison.work_precision_points import TARGETS
-
     chosen = runnable(scene)
     output = output or Path(f"work-precision-{file_name(scene)}.png")
     store = store or _new_store(output)
@@ -52,8 +53,6 @@ def work_precision(
 
 def _new_store(picture: Path) -> Path:
     """An empty place for points, beside the picture; the points of a study before are removed, no other file."""
-    from ..comparison.work_precision_points import COLUMNS
-
     place = picture.with_name(f"{picture.stem}-points.csv")
     if place.exists() and place.read_bytes().partition(b"\r\n")[0] != ",".join(COLUMNS).encode():
         raise typer.BadParameter(f"{place} is there and holds no points of a study: name another file by --store")
@@ -62,8 +61,6 @@ def _new_store(picture: Path) -> Path:
 
 
 def _solver(name: str) -> Any:
-    import diffrax
-
     kind = diffrax.AbstractAdaptiveSolver
     classes = {key: of for key, of in vars(diffrax).items() if inspect.isclass(of) and issubclass(of, kind)}
     known = {key: of for key, of in classes.items() if not key.startswith("Abstract")}
@@ -75,8 +72,6 @@ def _solver(name: str) -> Any:
 
 
 def _method(name: str) -> Any:
-    from ..adjoint import methods
-
     if name not in METHODS:
         raise typer.BadParameter(
             f"there is no gradient method {name!r}; choose one of {', '.join(METHODS)}.{did_you_mean(name, METHODS)}"

@@ -20,7 +20,7 @@ from tests.problems.stop_record import RECORD
 
 demo = import_module("hybridsens.cli.demo")
 FIT = ["fit", "elastic-stop", "--parameters", "mass", "--skip-missing", "--data", str(RECORD)]
-STUDIES = ("estimation.fit", "sweeps.sweep", "comparison.compare.compare", "comparison.work_precision.work_precision")
+STUDIES = ("estimation.fit", "sweeps.sweep", "cli.compare.run", "cli.work_precision.run")
 PLAIN = """
 import hybridsens as hs, jax.numpy as jnp
 
