@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 import hybridsens as hs
 
 DOCS = Path(__file__).parents[1] / "docs"
-DARK, RED, GREY = "#14213d", "#c8553d", "0.6"
+DARK, RED = "#14213d", "#c8553d"
 
 
 def first_motion():

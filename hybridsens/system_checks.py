@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from .system import AbstractHybridSystem
 from .validation.asked import Asked, is_method, kind_of
 from .validation.lost_derivatives import hides_tracers, method_of, undifferentiated, warn_of_mode_after
-from .validation.returned import check_change, must_have_shape, must_match, outcome, returned_array, returned_leaves
+from .validation.returned import must_have_shape, must_match, outcome, returned_array, returned_leaves
+from .validation.transition import check_change
 
 
 def state_as_arrays(x0) -> tuple[Any, Any]:

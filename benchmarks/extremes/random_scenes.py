@@ -16,8 +16,6 @@ import hybridsens as hs
 
 from .report import Row, main_of
 
-LAW_TOLERANCE = 1e-5
-
 
 def study(scenes: int, every: int = 5) -> list[Row]:
     """Laws of `scenes` motions, derivatives of every fifth."""

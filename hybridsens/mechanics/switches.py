@@ -12,7 +12,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..validation.asked import Asked
 from ..validation.lost_derivatives import hides_tracers, method_of, warn_of_mode_after
-from ..validation.returned import check_change, must_have_shape, returned_array
+from ..validation.returned import must_have_shape, returned_array
+from ..validation.transition import check_change
 from .scene import AbstractScene, State
 from .wrapped import WrappedScene, as_written, lifted
 

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from .asked import Asked
-from .negated import must_not_negate
 
 
 def returned_array(asked: Asked, *arguments) -> jax.ShapeDtypeStruct:
@@ -150,17 +149,6 @@ def must_match(asked: Asked, what: str, found: Any, wanted: Any, exact: bool) ->
             )
         if not exact and not jnp.issubdtype(one_type, jnp.floating):
             raise TypeError(f"{must} in real numbers, but {asked.it}returns {one_type}.")
-
-
-def check_change(asked: Asked, parts: str, what: str, state: Any, given: tuple) -> None:
-    """Raise ValueError or TypeError where a function of (event, *given), the last of which is the mode, does not return
-    a pair like (state, mode). `parts` and `what` name these in a message."""
-    arguments = jax.ShapeDtypeStruct((), jnp.asarray(0).dtype), *given
-    after = outcome(asked, *arguments)
-    must_be_pair(asked, after, parts)
-    must_match(asked, what, after[0], state, exact=False)
-    must_match(asked, "the mode", after[1], given[-1], exact=True)
-    must_not_negate(asked, *arguments)
 
 
 def form(tree: Any) -> str:

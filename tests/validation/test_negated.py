@@ -5,7 +5,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.validation.asked import Asked
-from hybridsens.validation.negated import must_not_negate
+from hybridsens.validation.transition import must_not_negate
 
 
 def test_a_flag_that_is_given_as_a_number_is_refused():

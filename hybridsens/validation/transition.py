@@ -1,4 +1,4 @@
-"""A flag of the mode that is given as a whole number: `~1` is -2, which counts as true."""
+"""What a transition of a system, or a switch of a scene, must return; and what it must not do to the mode."""
 
 from typing import Any
 
@@ -8,10 +8,23 @@ import jax.numpy as jnp
 from jax.extend.core import Var
 
 from .asked import Asked
+from .returned import must_be_pair, must_match, outcome
+
+
+def check_change(asked: Asked, parts: str, what: str, state: Any, given: tuple) -> None:
+    """Raise ValueError or TypeError where a function of (event, *given), the last of which is the mode, does not return
+    a pair like (state, mode). `parts` and `what` name these in a message."""
+    arguments = jax.ShapeDtypeStruct((), jnp.asarray(0).dtype), *given
+    after = outcome(asked, *arguments)
+    must_be_pair(asked, after, parts)
+    must_match(asked, what, after[0], state, exact=False)
+    must_match(asked, "the mode", after[1], given[-1], exact=True)
+    must_not_negate(asked, *arguments)
 
 
 def must_not_negate(asked: Asked, *arguments: Any) -> None:
-    """Raise TypeError where a function, whose last argument is the mode, applies `~` to a whole number in it.
+    """Raise TypeError where a function, whose last argument is the mode, applies `~` to a whole number in it: `~1` is
+    -2, which counts as true.
 
     Where `&` takes single bits of what comes out (`~mode & 1`), nothing is wrong."""
     leaves = jax.tree.leaves(arguments[-1])
