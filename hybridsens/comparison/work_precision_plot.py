@@ -1,15 +1,11 @@
 """A work-precision study as a picture. Lines differ in mark and dash, so it reads in grey print."""
 
-from typing import TYPE_CHECKING
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..plot.figure import new_figure
-
-if TYPE_CHECKING:
-    from .work_precision_points import Point, WorkPrecision
+from .work_precision_points import Point, WorkPrecision
 
 MARKS = "osD^vP*X<>"
 DASHES = ("-", "--", "-.", ":")
@@ -18,7 +14,7 @@ MOST_LETTERS = 130
 """Letters in a row of the legend, with five more for the line before each label."""
 
 
-def plot_work_precision(study: "WorkPrecision") -> Figure:
+def plot_work_precision(study: WorkPrecision) -> Figure:
     """Errors of J and of its gradient against time per gradient; the Pareto front is drawn as a wide grey band.
 
     A mark for each solver, a dash for each gradient method, black for float64 and grey for float32.
@@ -61,7 +57,7 @@ def _add_legend(figure: Figure, handles: list, labels: list[str]) -> None:
     )  # fmt: skip
 
 
-def _lines(axes: Axes, study: "WorkPrecision", error: str) -> None:
+def _lines(axes: Axes, study: WorkPrecision, error: str) -> None:
     groups: dict[tuple[str, str, str], list[Point]] = {}
     for point in study.points:
         if not point.failure and not point.is_reference:  # the error of that one is not known
