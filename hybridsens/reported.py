@@ -34,6 +34,7 @@ class Reported(NamedTuple):
 
 
 def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: int) -> Reported:
+    """What is reported of a motion and its samples, in so many rows of events."""
     events, count = motion.events.rows, motion.events.count - motion.unreported
     happened = jnp.arange(room) < count
     if motion.events.steps.shape[0] - 1 == room:

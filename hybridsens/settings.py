@@ -167,6 +167,7 @@ def _serves(solver) -> bool:
 
 
 def check_settings(max_events, max_steps, solver, adjoint, throw):
+    """Raise ValueError or TypeError for room that is no count, and for what is no solver, method or way to raise."""
     for name, value in (("max_events", max_events), ("max_steps", max_steps)):
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
             raise ValueError(f"`{name}` must be an integer >= 1, but is {value!r}.")

@@ -132,6 +132,7 @@ def smoothed(name: str, equation, operands: list[Trait]) -> frozenset[Break]:
 
 
 def is_nonnegative(name: str, equation, operands: list[Trait]) -> bool:
+    """Whether no result of an operation is below 0, as far as its operands tell."""
     if name == "integer_pow":
         return equation.params["y"] % 2 == 0
     if name in {"mul", "dot_general"} and equation.invars[0] is equation.invars[1]:
@@ -141,21 +142,26 @@ def is_nonnegative(name: str, equation, operands: list[Trait]) -> bool:
 
 
 def unmoved(name: str, operands: list[Trait]) -> Trait:
+    """What is known of a result of operands that do not move."""
     return Trait(nonnegative=name in SUMS and bool(operands) and all(operand.nonnegative for operand in operands))
 
 
 def of_number(value) -> Trait:
+    """What is known of a number in the program."""
     return Trait(nonnegative=bool(np.all(np.asarray(value) >= 0)))
 
 
 def has_zero(equation) -> bool:
+    """Whether an operand is a 0 that is written in the program."""
     return any(hasattr(atom, "val") and not np.any(np.asarray(atom.val)) for atom in equation.invars)
 
 
 def is_integer(atom) -> bool:
+    """Whether it is an integer or a truth value."""
     return not np.issubdtype(atom.aval.dtype, np.inexact)
 
 
 def union(traits: Sequence[Trait]) -> Trait:
+    """The inputs and the breaks of several results together."""
     inputs = frozenset().union(*(trait.inputs for trait in traits))
     return Trait(inputs, frozenset().union(*(trait.breaks for trait in traits)))

@@ -75,6 +75,7 @@ def _after(events: Any, j: int) -> str:
 
 
 def state_text(state: State) -> str:
+    """A state in a line: "q = [0.6], v = [-0.276377]"."""
     return f"q = {array_text(state.q)}, v = {array_text(state.v)}"
 
 

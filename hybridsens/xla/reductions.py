@@ -62,11 +62,12 @@ def short_reduction(equation: JaxprEqn):
 
 
 def _is_short_dot(given, result, parameters) -> bool:
-    """Whether it is that of two short vectors, added up in their own type."""
+    """The same of two short ones."""
     return is_product_of_vectors(given, result, parameters) and 0 < given[0].size <= SHORT
 
 
 def is_product_of_vectors(given, result, parameters) -> bool:
+    """Whether a product is that of two vectors, added up in their own type."""
     (a, b), (contracted, _) = given, parameters["dimension_numbers"]
     return a.ndim == b.ndim == 1 and contracted == ((0,), (0,)) and a.dtype == b.dtype == result.dtype
 
