@@ -76,7 +76,7 @@ class History:
         self.callbacks, self.horizon = callbacks, horizon
         self.z, self.loss, self.lines = z, float("inf"), []
         self.stage, self.number, self.idle = "", 0, 0
-        self.first = self.best = self.last = ()
+        self.best = self.last = ()
 
     @property
     def whole(self) -> bool:
@@ -108,9 +108,9 @@ class History:
             raise GuessFailed(self._no_motion(failure(outcome.trial)))
         self.stage = f"horizon {float(outcome.trial.end):.3g}" if in_stage else WHOLE
         self.z, self.loss, self.number, self.idle = outcome.z, float(outcome.loss), 0, 0
-        self.first = self.best = self.last = event_sequence(outcome.trial)
+        self.best = self.last = event_sequence(outcome.trial)
         self._keep()  # of many starts the best may leave nothing to do
-        return self._tell(outcome, self.first, changed=False)
+        return self._tell(outcome, self.last, changed=False)
 
     def _no_motion(self, why: str) -> str:
         if not self.lines:
@@ -156,9 +156,8 @@ class Run(NamedTuple):
     """The best point."""
     loss: float
     history: list[Iteration]
-    start: EventSequence
     end: EventSequence
-    """Event sequences at the first and at the best point."""
+    """The event sequence at the best point."""
     stopped: str
     """Why it ended: "converged", "stalled", "no improvement", "max_iterations", or by hand."""
     whole: bool
@@ -186,7 +185,7 @@ def descend(
     except KeyboardInterrupt:
         stopped = INTERRUPTED
     z = jnp.asarray(history.z)  # once: to the host and back takes longer than some iterations
-    return Run(z, history.loss, history.lines, history.first, history.best, stopped, history.whole)
+    return Run(z, history.loss, history.lines, history.best, stopped, history.whole)
 
 
 def _horizon(problem) -> str:

@@ -38,7 +38,7 @@ def with_sizes(method: Method | Growing, problem: Problem, data: Measurements) -
     r, jacobian = (np.asarray(part) for part in done.linearised)
     if done.outcomes[0].trial.failed or not np.linalg.norm(r) > EXACT * largest_datum(data):
         return problem
-    effect = _of_arrays(problem, np.where(unknown, np.linalg.norm(jacobian[:, : guess.size], axis=0), 0))
+    effect = _of_arrays(problem, np.where(unknown, np.linalg.norm(jacobian, axis=0), 0))
     known = unknown & (effect > 0)
     scale = np.where(known, selection.scale * np.linalg.norm(r) / np.where(known, effect, 1), selection.scale)
     return dataclasses.replace(problem, selection=dataclasses.replace(selection, scale=scale))

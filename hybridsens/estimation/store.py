@@ -29,10 +29,9 @@ class Store(NamedTuple):
     """See `study_digest`."""
 
     def write(self, z) -> None:
-        """Replace the file in one move, so that it is whole at any time; unknowns after the parameters are left out."""
-        labels = self.selection.labels
-        values = np.asarray(self.selection.to_values(jnp.asarray(z[: len(labels)])))
-        kept = {"values": dict(zip(labels, values.tolist(), strict=True)), "study": self.study}
+        """Replace the file in one move, so that it is whole at any time."""
+        values = self.selection.to_values(jnp.asarray(z)).tolist()
+        kept = {"values": dict(zip(self.selection.labels, values, strict=True)), "study": self.study}
         try:
             with in_one_move(self.path) as draft:
                 draft.write_text(json.dumps(kept, indent=2) + "\n")
