@@ -130,6 +130,20 @@ def test_a_table_with_its_load_in_the_middle_stands_for_long(feet, angle):
     assert trajectory.events.count == 0 and trajectory.steps.accepted + trajectory.steps.rejected < 20
 
 
+def test_no_load_in_the_middle_would_tip_the_table():
+    """The feet on either side would take up whatever is added, so that the derivatives of the tilt are 0."""
+
+    @jax.jit
+    def slopes(start):
+        def tilt(start):
+            scene = Table(jnp.asarray(FOUR[0]), jnp.asarray(FOUR[1]), start, jnp.zeros(2))
+            return hs.simulate(scene, AT_REST, t1=2.0, max_events=8).final.q
+
+        return jax.jacrev(tilt)(start)
+
+    assert_close(slopes(jnp.zeros(2)), np.zeros((3, 2)), 1e-12, scale=1.0)
+
+
 @pytest.mark.parametrize("off", [1e-16, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9])
 def test_a_load_next_to_a_diagonal_moves_nothing(off):
     trajectory = stand(table((0.125 + off, -0.1), (0.0, 0.0)), 20.0)
