@@ -39,6 +39,11 @@ class Delassus(eqx.Module):
         """The rates that impulses make."""
         return self.rows @ (impulse if self.mobility is None else self.mobility @ impulse)
 
+    def sizes(self, impulse: Float[Array, "contact"]) -> Float[Array, "contact"]:
+        """What the terms of these rates add up to, without their signs."""
+        size = jnp.abs(impulse)
+        return jnp.abs(self.rows) @ (size if self.mobility is None else jnp.abs(self.mobility) @ size)
+
     def solve(self, right: Float[Array, "contact"], members: Float[Array, "contact"]) -> Float[Array, "contact"]:
         """x with W_SS x_S = right_S and x = 0 outside S, where `members` is 1 in S and 0 outside."""
         if self.mobility is None:

@@ -49,7 +49,7 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     triggered = jnp.arange(gap.shape[0]) == event
     is_release = jnp.any(triggered & mode.active)
     meeting = gap <= tolerance + time_resolution(t, MEETING) * jnp.abs(rate)
-    touching = meeting & _acted_on(geometry, event)  # uncoupled ones have an event of their own
+    touching = meeting & _acted_on(geometry, event, mode.active)  # uncoupled ones have an event of their own
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
     closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
     closed = jnp.where(chosen_anew, (gap <= tolerance) | held, closed)
@@ -68,10 +68,14 @@ def rate_below_rounding(gap_acceleration, t, mode: ContactMode):
     return jnp.sqrt(4 * jnp.abs(gap_acceleration) * height)
 
 
-def _acted_on(geometry: ContactGeometry, event) -> Bool[Array, "contact"]:
-    """Contacts whose rate an impulse at the triggered one changes."""
-    row, diagonal = geometry.delassus.row(event), geometry.delassus.diagonal()
-    return jnp.abs(row) > closeness(row.dtype) * jnp.sqrt(jnp.abs(diagonal * diagonal[event]))
+def _acted_on(geometry: ContactGeometry, event, active: Bool[Array, "contact"]) -> Bool[Array, "contact"]:
+    """Contacts whose rate an impulse at the triggered one changes, by itself or by what those held do then."""
+    W = geometry.delassus
+    row, diagonal = W.row(event), W.diagonal()
+    held_too = row - W @ W.solve(row, active.astype(row.dtype))
+    return jnp.maximum(jnp.abs(row), jnp.abs(held_too)) > closeness(row.dtype) * jnp.sqrt(
+        jnp.abs(diagonal * diagonal[event])
+    )
 
 
 def acted_on_nearby(geometry: ContactGeometry, triggered: Bool[Array, "contact"]) -> Bool[Array, "contact"]:

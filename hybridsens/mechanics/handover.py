@@ -11,10 +11,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.tolerances import MOST_RELAXED, closeness, rounding, time_resolution
-from .contact import Instant, contact_jacobian, gap_rate_and_bias
+from ..numerics.tolerances import closeness, rounding, time_resolution
+from .contact import ContactGeometry, Instant, contact_jacobian, gap_rate_and_bias
 from .delassus import Delassus
-from .event_state import EventState
+from .event_state import MEETING, EventState
 from .flow import free_acceleration
 from .laws import GapAcceleration, Selection, gap_acceleration
 from .mass import solve_mass
@@ -25,7 +25,7 @@ ROUNDED = 8
 """A gap acceleration of so many times the rounding of its terms has a sign."""
 
 
-class Problem(NamedTuple):
+class GaussProblem(NamedTuple):
     """What Gauss's principle (T2) is asked: at an instant, or a moment later, of contacts whose multiplier and gap
     acceleration are both zero now.
 
@@ -42,13 +42,16 @@ class Problem(NamedTuple):
     """Closed contacts without a force."""
     released: Bool[Array, "contact"]
     pull: Float[Array, "contact"]
-    """Pulls of rounding: held contacts that are not pressed are granted these [N]."""
+    """Pulls that are granted to held contacts that are not pressed [N]."""
+    rounded: Float[Array, "contact"]
+    """Those that are granted to contacts that have no force yet: these are rounding [N]."""
 
     @classmethod
-    def at_once(cls, W: Delassus, acceleration: GapAcceleration, still: Bool[Array, "contact"]) -> "Problem":
+    def at_once(cls, W: Delassus, acceleration: GapAcceleration, still: Bool[Array, "contact"]) -> "GaussProblem":
         """What is asked at an instant."""
         none = jnp.zeros_like(still)
-        return cls(W, acceleration, still, none, none, none, jnp.zeros_like(acceleration.free))
+        zero = jnp.zeros_like(acceleration.free)
+        return cls(W, acceleration, still, none, none, none, zero, zero)
 
     def pressed(self, selection: Selection) -> Bool[Array, "contact"]:
         """Contacts that have a force, or will have one."""
@@ -63,11 +66,12 @@ class Problem(NamedTuple):
         independent.
 
         Where idle ones are left that depend on these, some block the way of others, as the feet on both sides of the
-        line through two others: no force presses any, and without them the body would be free to tip."""
+        line through two others: no force presses any, and without them the body would be free to tip. (Where there is
+        no force at all, there is no rounding either.)"""
         pressed, idle = self.pressed(selection), self.idle(selection)
-        blocked = jnp.any(more & ~pressed) & jnp.any(idle & ~more)
+        blocked = jnp.any(more & ~pressed & (self.pull > 0)) & jnp.any(idle & ~more)
         active = jnp.where(blocked, more, pressed)
-        pull = jnp.where(active & (idle | self.released), self.pull, 0)
+        pull = jnp.where(active & (idle | self.released), self.pull, jnp.where(selection.active, self.rounded, 0))
         return Selection(active, idle & ~active), pull
 
 
@@ -86,31 +90,36 @@ def may_be_undecided(at_event: EventState, mode: ContactMode, selection: Selecti
     return jnp.any(selection.resting) | (jnp.any(released) & jnp.any(at_event.closed))
 
 
-def look_ahead(scene: AbstractScene, at_event: EventState, now: Instant, mode: ContactMode, chosen) -> Problem:
+def look_ahead(scene: AbstractScene, at_event: EventState, now: Instant, mode: ContactMode, chosen) -> GaussProblem:
     """The problem that tells which contacts are pressed next. `now` is the instant after the event; of those that are
     closed and have no rate, the first of what was `chosen`, Gauss's principle selected the second there."""
     (still, selection), W = chosen, at_event.geometry.delassus
     free = gap_acceleration(scene, at_event.geometry, *now).free
     multiplier = W.solve(-free, selection.active.astype(now.q.dtype))
-    outlook = _outlook(scene, at_event.geometry.jacobian, now, mode, multiplier)
-    # Forces that vanish here are as large as they were when the event was placed a little too early.
-    present_noise = closeness(now.q.dtype) * outlook.size + time_resolution(now.t, MOST_RELAXED) * jnp.abs(outlook.rate)
+    outlook = _outlook(scene, at_event.geometry, now, mode, multiplier)
+    # Forces that vanish at an event are as large here as they are where that is placed a little too early.
+    located = jnp.any(at_event.triggered)
+    misplaced = jnp.where(located, time_resolution(now.t, MEETING), time_resolution(now.t, 0))
+    present_noise = closeness(now.q.dtype) * outlook.size + misplaced * jnp.abs(outlook.rate)
     with_force = selection.active & (multiplier * W.diagonal() > present_noise)
     released = at_event.triggered & mode.active
     undecided = ((still & (outlook.acceleration <= present_noise)) | released) & ~with_force
-    soon = _soon(outlook, now.t)
+    soon = _soon(outlook, misplaced)
     # One that went through its margin is pressed, however little.
     less = jnp.where(at_event.triggered & ~mode.active, soon.noise, 0)
     tableau = W.pivoted_on(W.tableau(soon.free - less), with_force)
     left = Delassus(tableau[:, :-1], W.dof, W.mobility)
     asked = undecided & W.independent(tableau, with_force)
-    pull = present_noise / W.diagonal()
-    return Problem(left, GapAcceleration(tableau[:, -1], soon.noise), asked, with_force, undecided, released, pull)
+    pull, rounded = present_noise / W.diagonal(), ROUNDED * rounding(now.q.dtype) * outlook.size / W.diagonal()
+    acceleration = GapAcceleration(tableau[:, -1], soon.noise)
+    return GaussProblem(left, acceleration, asked, with_force, undecided, released, pull, rounded)
 
 
-def _outlook(scene: AbstractScene, J, now: Instant, mode: ContactMode, multiplier) -> _Outlook:
+def _outlook(
+    scene: AbstractScene, geometry: ContactGeometry, now: Instant, mode: ContactMode, multiplier
+) -> _Outlook:
     """By one derivative along the motion."""
-    t, q, v = now
+    (t, q, v), J = now, geometry.jacobian
     relative = closeness(q.dtype)
 
     def accelerations(t, q, v):
@@ -119,21 +128,22 @@ def _outlook(scene: AbstractScene, J, now: Instant, mode: ContactMode, multiplie
         return a, jacobian @ a + gap_rate_and_bias(scene, t, q, v)[1]
 
     a, acceleration = accelerations(t, q, v)
-    size = jnp.abs(J) @ jnp.abs(free_acceleration(scene, t, q, v)) + jnp.abs(acceleration - J @ a)
+    of_forces = jnp.abs(free_acceleration(scene, t, q, v)) + jnp.abs(geometry.mobility) @ jnp.abs(multiplier)
+    size = jnp.abs(J) @ of_forces + jnp.abs(acceleration - J @ a)
     # A body at rest has velocities and accelerations of rounding, which a stiff spring would make much of.
     along = jnp.ones_like(t), _without_rounding(v, J, relative * mode.speed), _without_rounding(a, J, relative * size)
     a_rate, rate = jax.jvp(accelerations, (t, q, v), along)[1]
     return _Outlook(acceleration, size, rate, jnp.abs(J) @ jnp.abs(a_rate) + jnp.abs(rate - J @ a_rate))
 
 
-def _soon(outlook: _Outlook, t) -> GapAcceleration:
-    """Phi'' a short time after: short beside the time in which it changes, but long beside that to which an event can
-    be placed."""
+def _soon(outlook: _Outlook, misplaced) -> GapAcceleration:
+    """Phi'' a short time after: short beside the time in which it changes, but not shorter than that by which an event
+    is misplaced."""
     acceleration, size, rate, rate_size = outlook
     relative, changes = closeness(rate.dtype), rate_size > 0
     time = jnp.min(jnp.where(changes, size / jnp.where(changes, rate_size, 1), jnp.inf))
     short = jnp.where(jnp.any(changes), relative**0.5 * time, 0)
-    short = jnp.maximum(short, time_resolution(t, MOST_RELAXED))
+    short = jnp.maximum(short, misplaced)
     noise = ROUNDED * rounding(rate.dtype) * size + relative * short * rate_size
     return GapAcceleration(acceleration + short * rate, noise)
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
-from ..numerics.tolerances import rounding
+from ..numerics.tolerances import closeness, rounding
 from ..search.gap_search import search_gaps
 from ..search.path import Path
 from .contact import Among, among_held, contact_geometry, contact_jacobian, walls_move
@@ -71,6 +71,8 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
         along = lambda t, q: lift @ force(t, q)
         largest = jnp.maximum(*(jnp.abs(force(*path.at(s)[:2])) for s in (0.0, 1.0)))
         rounded = 8 * rounding(h.dtype) * (jnp.abs(lift) @ largest)  # and what bounds add to it
+        # One that is held without a force has none: no bound would ever prove that to rounding.
+        rounded += closeness(h.dtype) ** -0.5 * mode.margin
         off0, off1 = (end - along(*path.at(s)[:2]) for s, end in ((0.0, step.guard0), (1.0, step.guard1)))
 
         def multiplier(t, q):

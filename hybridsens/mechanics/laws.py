@@ -76,7 +76,11 @@ class GapAcceleration(NamedTuple):
 
     def held(self, W: Delassus, active: Bool[Array, "contact"]) -> Float[Array, "contact"]:
         """Phi'' where the active contacts are held, by (T1): free + W lambda."""
-        return self.free + W @ W.solve(-self.free, active.astype(self.free.dtype))
+        return self.free + W @ self.multiplier(W, active)
+
+    def multiplier(self, W: Delassus, active: Bool[Array, "contact"]) -> Float[Array, "contact"]:
+        """lambda of the active contacts (T1)."""
+        return W.solve(-self.free, active.astype(self.free.dtype))
 
 
 def gap_acceleration(scene: AbstractScene, geometry: ContactGeometry, t, q, v) -> GapAcceleration:
@@ -93,4 +97,6 @@ def gauss_selection(W: Delassus, acceleration: GapAcceleration, still: Bool[Arra
     0 <= lambda _|_ W lambda + G^T M^-1 F + gamma >= 0.
     """
     active = complementarity_support(W, acceleration.free, still, acceleration.noise)
-    return Selection(active, still & ~active & (acceleration.held(W, active) <= acceleration.noise))
+    multiplier = acceleration.multiplier(W, active)
+    noise = acceleration.noise + closeness(multiplier.dtype) * W.sizes(multiplier)
+    return Selection(active, still & ~active & (acceleration.free + W @ multiplier <= noise))

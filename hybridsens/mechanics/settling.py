@@ -12,7 +12,7 @@ from ..numerics.tolerances import closeness
 from .complementarity import independent_superset
 from .contact import Instant, gap_and_rate
 from .event_state import EventState, rate_below_rounding
-from .handover import Problem, look_ahead, may_be_undecided
+from .handover import GaussProblem, look_ahead, may_be_undecided
 from .laws import Selection, gap_acceleration, gauss_selection, impulse_support, transition_impulse
 from .mode import ContactMode
 from .scene import AbstractScene
@@ -140,13 +140,13 @@ class _Laws(NamedTuple):
         v_after = self.now.v + geometry.mobility @ impulse.total
         return last._replace(support=support, v=v_after), impulse.settling_energy
 
-    def _problem(self, turn, impact: Impact, after, settle_speed) -> Problem:
+    def _problem(self, turn, impact: Impact, after, settle_speed) -> GaussProblem:
         """What Gauss's principle is asked in a turn: which contacts are held now, or which are pressed next."""
         acceleration, rate = after
         together = turn == Turn.TOGETHER
         candidates = jnp.where(together, self.at_event.impacting, self.at_event.closed)
         still = candidates & (jnp.abs(rate) <= jnp.where(together, settle_speed, self._least_speed()))
-        at_once = lambda: Problem.at_once(self.at_event.geometry.delassus, acceleration, still)
+        at_once = lambda: GaussProblem.at_once(self.at_event.geometry.delassus, acceleration, still)
         after = self.now._replace(v=impact.v)
         ahead = lambda: look_ahead(self.scene, self.at_event, after, self.mode, (still, impact.selection))
         return lax.cond(turn == Turn.AHEAD, ahead, at_once)
