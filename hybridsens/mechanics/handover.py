@@ -115,9 +115,7 @@ def look_ahead(scene: AbstractScene, at_event: EventState, now: Instant, mode: C
     return GaussProblem(left, acceleration, asked, with_force, undecided, released, pull, rounded)
 
 
-def _outlook(
-    scene: AbstractScene, geometry: ContactGeometry, now: Instant, mode: ContactMode, multiplier
-) -> _Outlook:
+def _outlook(scene: AbstractScene, geometry: ContactGeometry, now: Instant, mode: ContactMode, multiplier) -> _Outlook:
     """By one derivative along the motion."""
     (t, q, v), J = now, geometry.jacobian
     relative = closeness(q.dtype)

@@ -140,7 +140,7 @@ class MechanicalSystem(AbstractFlatSystem):
         return Searched.first_of(found)
 
     def scales(self, t, x, mode: ContactMode):
-        """|G|^T |q| and |G|^T |v|, the largest so far. A multiplier's scale is not known and counts as 0, but where it is
+        """|G|^T |q| and |G|^T |v|, the largest so far. A multiplier's scale is not known and counts as 0, unless it is
         granted a pull: rounding is less than half of that."""
         of_pull = mode.margin / (2 * closeness(x.dtype))
         return jnp.where(mode.active, of_pull, mode.length), jnp.where(mode.active, 0, mode.speed)
