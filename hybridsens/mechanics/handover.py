@@ -15,8 +15,7 @@ from ..numerics.tolerances import closeness, rounding, time_resolution
 from .contact import ContactGeometry, Instant, contact_jacobian, gap_rate_and_bias
 from .delassus import Delassus
 from .event_state import MEETING, EventState
-from .flow import free_acceleration
-from .laws import GapAcceleration, Selection, gap_acceleration
+from .laws import GapAcceleration, Selection
 from .mass import solve_mass
 from .mode import ContactMode
 from .scene import AbstractScene
@@ -91,11 +90,11 @@ def may_be_undecided(at_event: EventState, mode: ContactMode, selection: Selecti
 
 
 def look_ahead(scene: AbstractScene, at_event: EventState, now: Instant, mode: ContactMode, chosen) -> GaussProblem:
-    """The problem that tells which contacts are pressed next. `now` is the instant after the event; of those that are
-    closed and have no rate, the first of what was `chosen`, Gauss's principle selected the second there."""
-    (still, selection), W = chosen, at_event.geometry.delassus
-    free = gap_acceleration(scene, at_event.geometry, *now).free
-    multiplier = W.solve(-free, selection.active.astype(now.q.dtype))
+    """The problem that tells which contacts are pressed next. `now` is the instant after the event; what was `chosen`
+    there are contacts that are closed and have no rate, and those that Gauss's principle selected of them, by these
+    accelerations of the gaps."""
+    (still, selection, acceleration), W = chosen, at_event.geometry.delassus
+    multiplier = acceleration.multiplier(W, selection.active)
     outlook = _outlook(scene, at_event.geometry, now, mode, multiplier)
     # Forces that vanish at an event are as large here as they are where that is placed a little too early.
     located = jnp.any(at_event.triggered)
@@ -125,12 +124,13 @@ def _outlook(scene: AbstractScene, geometry: ContactGeometry, now: Instant, mode
         a = solve_mass(scene.mass_matrix(q), scene.force(t, q, v) + multiplier @ jacobian)
         return a, jacobian @ a + gap_rate_and_bias(scene, t, q, v)[1]
 
-    a, acceleration = accelerations(t, q, v)
-    of_forces = jnp.abs(free_acceleration(scene, t, q, v)) + jnp.abs(geometry.mobility) @ jnp.abs(multiplier)
+    (a, acceleration), rates = jax.linearize(accelerations, t, q, v)
+    free = a - geometry.mobility @ multiplier
+    of_forces = jnp.abs(free) + jnp.abs(geometry.mobility) @ jnp.abs(multiplier)
     size = jnp.abs(J) @ of_forces + jnp.abs(acceleration - J @ a)
     # A body at rest has velocities and accelerations of rounding, which a stiff spring would make much of.
     along = jnp.ones_like(t), _without_rounding(v, J, relative * mode.speed), _without_rounding(a, J, relative * size)
-    a_rate, rate = jax.jvp(accelerations, (t, q, v), along)[1]
+    a_rate, rate = rates(*along)
     return _Outlook(acceleration, size, rate, jnp.abs(J) @ jnp.abs(a_rate) + jnp.abs(rate - J @ a_rate))
 
 

@@ -148,7 +148,8 @@ class _Laws(NamedTuple):
         still = candidates & (jnp.abs(rate) <= jnp.where(together, settle_speed, self._least_speed()))
         at_once = lambda: GaussProblem.at_once(self.at_event.geometry.delassus, acceleration, still)
         after = self.now._replace(v=impact.v)
-        ahead = lambda: look_ahead(self.scene, self.at_event, after, self.mode, (still, impact.selection))
+        chosen = still, impact.selection, acceleration
+        ahead = lambda: look_ahead(self.scene, self.at_event, after, self.mode, chosen)
         return lax.cond(turn == Turn.AHEAD, ahead, at_once)
 
     def _plastic(self, turn, last: Impact, selection: Selection) -> Bool[Array, "contact"]:
