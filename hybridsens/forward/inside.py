@@ -176,7 +176,7 @@ def _on_guard(step: StepEnds, resolution: Resolution) -> tuple[Bool[Array, "guar
     all have jumped below zero."""
     h, guard, rate, rounded = step.t1 - step.t0, step.guard1, step.rate1, resolution.rounding
     # One that the segment has not left yet is looked for where it falls through -noise.
-    size = jnp.minimum(jnp.abs(guard), jnp.abs(guard + resolution.noise))
+    size = jnp.abs(guard + resolution.noise)
     close = size <= rounded - time_resolution(step.t1, resolution.shortenings) * rate
     below_after_shortest = (h <= time_resolution(step.t0, 1)) & (guard < 0)
     # A guard that jumps below zero fires as well, whatever its rate is there: the system says what that means.

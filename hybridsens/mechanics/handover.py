@@ -135,13 +135,13 @@ def _outlook(scene: AbstractScene, geometry: ContactGeometry, now: Instant, mode
 
 
 def _soon(outlook: _Outlook, misplaced) -> GapAcceleration:
-    """Phi'' a short time after: short beside the time in which it changes, but not shorter than that by which an event
-    is misplaced."""
+    """Phi'' a short time after: short beside the time in which it changes, but long beside that by which an event is
+    misplaced."""
     acceleration, size, rate, rate_size = outlook
     relative, changes = closeness(rate.dtype), rate_size > 0
     time = jnp.min(jnp.where(changes, size / jnp.where(changes, rate_size, 1), jnp.inf))
     short = jnp.where(jnp.any(changes), relative**0.5 * time, 0)
-    short = jnp.maximum(short, misplaced)
+    short = jnp.maximum(short, 4 * misplaced)
     noise = ROUNDED * rounding(rate.dtype) * size + relative * short * rate_size
     return GapAcceleration(acceleration + short * rate, noise)
 
