@@ -17,7 +17,7 @@ from .checks import may_begin
 from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate, walls_move
 from .event_state import MEETING, EventState, acted_on_nearby, look_at_event, wider_scales
 from .laws import impulse_support, transition_impulse
-from .mode import ContactMode, EventKind, open_mode
+from .mode import ROUNDED, ContactMode, EventKind, open_mode
 from .scene import AbstractScene
 from .settling import Impact, apply_laws
 from .smoothness import has_jumped
@@ -168,8 +168,8 @@ def _with_held(mode: ContactMode, impact: Impact, at_event: EventState, t) -> Co
     """The mode with the contacts held that an impact leaves closed, each where it is now."""
     gap = at_event.gap
     margin = jnp.where(impact.selection.resting, mode.gap_tolerance(t), impact.pull)
-    # At a late clock an impact is found deeper than a gap is rounded: there the contact stays.
-    deep = at_event.impacting & (gap < -mode.gap_tolerance(t))
+    # At a late clock an impact is found deeper than a projection may correct: there the contact stays.
+    deep = at_event.impacting & (gap < -ROUNDED * mode.gap_tolerance(t))
     placed = jnp.where(deep, gap, jnp.maximum(gap, 0))
     held_gap = jnp.where(mode.active, mode.held_gap, placed)
     margin, held_gap = lax.stop_gradient((margin, held_gap))

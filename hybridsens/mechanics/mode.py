@@ -8,6 +8,10 @@ from jaxtyping import Array, Bool, Float
 
 from ..numerics.tolerances import closeness, rounding
 
+ROUNDED = 8
+"""A projection that corrects gaps by up to `ROUNDED` times `gap_tolerance`, and rates by up to `ROUNDED` times what
+counts as none, is no error of a step: a contact closes with its gap off by that, and by the margin that it had."""
+
 
 class EventKind(enum.IntEnum):
     """What happened at an event; the numbers in `trajectory.events.kind`."""

@@ -21,15 +21,11 @@ from .decisions import ImpactDetail, Limits, decide_transition
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .held import load_varies, search_load, search_way, supports_move
 from .laws import transition_impulse
-from .mode import ContactMode
+from .mode import ROUNDED, ContactMode
 from .scene import AbstractScene
 from .smoothness import is_not_smooth
 from .status import ContactStatus
 from .wrapped import Fixed, as_written, number
-
-ROUNDED = 8
-"""A projection that corrects gaps by up to `ROUNDED` times `gap_tolerance`, and rates by up to `ROUNDED` times what
-counts as none, is no error of a step: a contact closes with its gap off by that, and by the margin that it had."""
 
 
 class ImpactReport(NamedTuple):
