@@ -105,7 +105,7 @@ def look_ahead(scene: AbstractScene, at_event: EventState, now: Instant, mode: C
     undecided = ((still & (outlook.acceleration <= present_noise)) | released) & ~with_force
     soon = _soon(outlook, misplaced)
     # One that went through its margin is pressed, however little.
-    less = jnp.where(at_event.triggered & ~mode.active, soon.noise, 0)
+    less = jnp.where(at_event.triggered & ~mode.active & (mode.margin > 0), soon.noise, 0)
     tableau = W.pivoted_on(W.tableau(soon.free - less), with_force)
     left = Delassus(tableau[:, :-1], W.dof, W.mobility)
     asked = undecided & W.independent(tableau, with_force)
