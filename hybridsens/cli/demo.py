@@ -149,7 +149,7 @@ def _print_timings(console: Console, shown: Demonstration) -> None:
     table.add_column("first call", justify="right")
     table.add_column("one run", justify="right")
     for name, timing in shown.timings.items():
-        table.add_row(name, f"{timing.compile:.2f} s", f"{timing.run * 1e6:.0f} us")
+        table.add_row(name, f"{timing.first:.2f} s", f"{timing.run * 1e6:.0f} us")
     console.print(table)
 
 

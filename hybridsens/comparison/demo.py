@@ -28,7 +28,7 @@ NAIVE_STEPS = 20_000
 class Timing(NamedTuple):
     """How long a program took."""
 
-    compile: float
+    first: float
     """The first call: tracing, compiling and running once [s]."""
     run: float
     """One call after that [s]."""
