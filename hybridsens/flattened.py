@@ -35,7 +35,7 @@ class WatchedMode(eqx.Module):
     """The first of them, as the last event showed it; inf where none is to come, None without scheduled times."""
 
 
-class Origin(NamedTuple):
+class EventDetail(NamedTuple):
     """What the reset of an event needs to know of it."""
 
     event: Array
@@ -123,7 +123,7 @@ class FlattenedSystem(AbstractFlatSystem):
             expected = jnp.where(starts, shown.times >= t, mode.expected)
             moves = ~starts & self._moves_by_itself(t, x, mode)
             watched = WatchedMode(mode.given, watch, expected, self._next_time(shown.times, expected))
-            return _decision(watched, Origin(event, mode.given), shown, moves)
+            return _decision(watched, EventDetail(event, mode.given), shown, moves)
 
         return lax.cond(event >= 0, lambda: self._after(event, t, x, mode), begin)
 
@@ -174,7 +174,7 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def _after(self, event, t, x, mode: WatchedMode) -> Decision:
         """The transition's mode, which guards can fall then, and which scheduled times are to come."""
-        origin = Origin(event, mode.given)
+        origin = EventDetail(event, mode.given)
         if self.guard_count == 0 and self.scheduled_count is None:
             return _decision(mode, origin, self._show(t, x, mode), jnp.array(False))
         rises = self.is_silent(event, mode)  # then the state and the user's mode stay
@@ -202,7 +202,7 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def reset(self, decision: Decision, t, x):
         """x+ of the user's transition, z unchanged."""
-        origin: Origin = decision.detail
+        origin: EventDetail = decision.detail
         after, _ = self._transition(origin.event, t, x, origin.mode)
         return lax.cond(decision.silent, lambda: x, lambda: after), ()
 
@@ -228,7 +228,7 @@ def _first(times, expected) -> Array:
 
 def _decision(
     watched: WatchedMode,
-    origin: Origin,
+    origin: EventDetail,
     shown: Shown,
     moves_by_itself: Array,
     at_once: Array | bool = False,

@@ -75,17 +75,23 @@ def _past_start(problem: Problem) -> Problem:
 
 
 def _forward_pass(problem: Problem, options: Options) -> Motion:
-    system, x0, t0, t1, _ = problem
-    stepper = options.settings.stepper(_flow_size(problem, options))
-    settings = options.settings
-    room = settings.max_events, settings.max_steps if settings.segment_steps is None else 0
-    motion = empty_motion(system, t0, x0, options.mode, *room, options.status)
-    motion = run_segments(system, stepper, t1, motion)
+    motion = _motion(problem, options._replace(known_jumps=False, differentiated=False))
     if options.known_jumps:
         return dataclasses.replace(motion, status=motion.status.without_jumps)
-    if not options.differentiated or settings.segment_steps is not None:  # not recorded: seen where they are run again
-        return motion
-    return told_of_flow_jumps(system, settings.atol / settings.rtol, motion)
+    if not options.differentiated or options.settings.segment_steps is not None:
+        return motion  # one that is not recorded is told of where its steps are run again
+    settings = options.settings
+    return told_of_flow_jumps(problem.system, settings.atol / settings.rtol, motion)
+
+
+@eqx.filter_jit  # JAX traces the motion by itself before that of a derivative: looked up then
+def _motion(problem: Problem, options: Options) -> Motion:
+    system, x0, t0, t1, _ = problem
+    settings = options.settings
+    stepper = settings.stepper(_flow_size(problem, options))
+    room = settings.max_events, settings.max_steps if settings.segment_steps is None else 0
+    motion = empty_motion(system, t0, x0, options.mode, *room, options.status)
+    return run_segments(system, stepper, t1, motion)
 
 
 def _samples(problem: Problem, options: Options, motion: Motion):

@@ -20,8 +20,8 @@ from .compare_table import Reference as Reference
 from .compare_table import Row as Row
 from .differentiate import value_and_gradient
 from .functional import (
+    CallReport,
     Cost,
-    Reported,
     all_reached_end,
     choose_cost,
     functional,
@@ -116,7 +116,7 @@ def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[st
     return Reference(float(value), gradient, count, _doubt(reported, gradient))
 
 
-def _doubt(reported: Reported, gradient: np.ndarray) -> str:
+def _doubt(reported: CallReport, gradient: np.ndarray) -> str:
     """Why a gradient of motions that all reached their ends is not to be trusted; empty where it is."""
     names = sorted({status.name for status in reported.status if status.in_doubt})
     why = [f"its motion has status {' and '.join(names)}"] if names else []

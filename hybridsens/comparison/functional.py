@@ -33,7 +33,7 @@ NEEDED = ("initial_state", "t1", "running_cost")
 """What a scene or a system has where no cost is given: where it starts, how long it runs, what it costs."""
 
 
-class Reported(NamedTuple):
+class CallReport(NamedTuple):
     """What is kept of each call of `simulate` beside the cost."""
 
     status: tuple[Status, ...]
@@ -109,7 +109,7 @@ def _must_take_both(scene, cost: Cost) -> None:
 
 
 def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Callable:
-    """vector -> (J, Reported). Motions are asked not to raise by themselves; see `raise_unless_reached_end`.
+    """vector -> (J, CallReport). Motions are asked not to raise by themselves; see `raise_unless_reached_end`.
 
     Raises: TypeError when traced if the cost is not a real scalar, or has settings of its own.
     """
@@ -125,7 +125,7 @@ def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Ca
         J = _real_scalar(cost(parameters.rebuild(vector), recording))
         known = [motion for motion in motions if isinstance(motion, Trajectory | Solution)]
         each = lambda what: tuple(map(what, known))
-        return J, Reported(each(lambda m: m.status), each(lambda m: m.events.count), each(lambda m: m.doubt_time))
+        return J, CallReport(each(lambda m: m.status), each(lambda m: m.events.count), each(lambda m: m.doubt_time))
 
     return value
 
@@ -177,13 +177,13 @@ def _real_scalar(J: Any) -> Float[Array, ""]:
     return J
 
 
-def all_reached_end(reported: Reported) -> bool:
+def all_reached_end(reported: CallReport) -> bool:
     """Whether every motion of ours is whole. One that grazed a contact is: what that costs the gradient, a study
     measures."""
     return all(bool(status.reached_end) for status in reported.status)
 
 
-def raise_unless_reached_end(reported: Reported) -> None:
+def raise_unless_reached_end(reported: CallReport) -> None:
     """Raise SimulationError if a motion of ours is not whole."""
     for status in reported.status:
         if not status.reached_end:

@@ -23,7 +23,7 @@ from .baselines import (
     where_transition,
 )
 from .differentiate import Mode, value_and_gradient
-from .functional import Cost, Reported, functional, move, told_of_the_cost
+from .functional import CallReport, Cost, functional, move, told_of_the_cost
 
 
 class GradientMethod(NamedTuple):
@@ -55,7 +55,7 @@ def from_adjoint(adjoint: AbstractGradientMethod, **settings) -> GradientMethod:
 
 def gradient_by(
     adjoint: AbstractGradientMethod, parameters: FlatParameters, cost: Cost, settings: Mapping[str, Any], options=None
-) -> tuple[Any, Any, Reported]:
+) -> tuple[Any, Any, CallReport]:
     """J, dJ/dtheta and what the motions report, by a method of this package; `options` are those of the compiler."""
     method = from_adjoint(adjoint, **settings)
     run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode, options=options)

@@ -20,7 +20,7 @@ from .least_squares import at_minimum, compressed, linearise
 from .motions import event_rows
 from .optimizers import Method
 from .parameters import Selection
-from .problem import Problem, predict
+from .problem import FitProblem, predict
 from .result import FitResult
 from .sizes import EXACT, largest_datum
 from .starts import Starts
@@ -28,7 +28,7 @@ from .uncertainty import Noise, Uncertainty, uncertainty, with_held
 
 
 def build_result(
-    method: Method | Growing, problem: Problem, data: Measurements, guess, descents: Sequence[Run],
+    method: Method | Growing, problem: FitProblem, data: Measurements, guess, descents: Sequence[Run],
     starts: Starts | None,
 ) -> FitResult:  # fmt: skip
     """The result of the last of these descents; the ones before it were stages."""
@@ -59,13 +59,13 @@ def build_result(
     )  # fmt: skip
 
 
-def _at_other_times(problem: Problem, z, times: Float[Array, "sample"]) -> Float[np.ndarray, "sample observation"]:
+def _at_other_times(problem: FitProblem, z, times: Float[Array, "sample"]) -> Float[np.ndarray, "sample observation"]:
     """What the motion at z shows then."""
     asked = eqx.tree_at(lambda p: p.data.times, problem, times)
     return np.asarray(predict(asked, z)[1])
 
 
-def _knowledge(problem: Problem, data: Measurements, values, r, jacobian, held) -> Uncertainty:
+def _knowledge(problem: FitProblem, data: Measurements, values, r, jacobian, held) -> Uncertainty:
     """How well the parameters are known, those that are held on a bound being none."""
     known, free = np.isfinite(np.concatenate([np.ravel(data.values), data.event_times])), ~held
     rounding = 0.0 if data.sigmas_known else _rounding(data, jacobian.dtype)
@@ -93,7 +93,7 @@ _OF_ERROR, _OF_SIZE = 1e-2, 1e-6
 
 
 def by_parameters(
-    method: Method | Growing, problem: Problem, z
+    method: Method | Growing, problem: FitProblem, z
 ) -> tuple[Float[np.ndarray, "residual"], Float[np.ndarray, "residual parameter"]]:
     """Residuals and their derivative by the parameters p themselves, by the program that the iterations have compiled.
 
@@ -108,12 +108,12 @@ def by_parameters(
     return np.asarray(r), np.asarray(jacobian) / scale
 
 
-def plain(problem: Problem) -> Problem:
+def plain(problem: FitProblem) -> FitProblem:
     """The same with all residuals squared."""
     return eqx.tree_at(lambda p: p.robust, problem, jnp.asarray(jnp.inf))
 
 
-def held_on_bound(problem: Problem, values, r, jacobian, sigmas_given: bool) -> Bool[np.ndarray, "parameter"]:
+def held_on_bound(problem: FitProblem, values, r, jacobian, sigmas_given: bool) -> Bool[np.ndarray, "parameter"]:
     """Which parameters are on a bound, beyond which the loss goes on falling.
 
     They are next to it, and a Newton step in that parameter alone, -(J^T r) / (J^T J), leads beyond it.
@@ -139,7 +139,7 @@ def others_at_minimum(selection: Selection, values, r, jacobian, held: Bool[np.n
     return bool(at_minimum(short, slope, jnp.asarray(p / size), r.size))
 
 
-def _linearised(method: Method | Growing, problem: Problem, z) -> tuple[Array, Array]:
+def _linearised(method: Method | Growing, problem: FitProblem, z) -> tuple[Array, Array]:
     if not method.least_squares:
         return linearise(problem, z)[:2]
     return iterate(method, problem, method.begin(z, stages=False), 1, 1).linearised

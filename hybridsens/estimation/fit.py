@@ -24,7 +24,7 @@ from .horizon import GrowingHorizon
 from .iterate import BatchSize
 from .optimizers import Method, chosen_method
 from .parameters import Bounds
-from .problem import Problem
+from .problem import FitProblem
 from .result import FitResult
 from .sizes import with_sizes
 from .starts import RandomStarts, descend_from_all, spread_starts
@@ -164,7 +164,7 @@ def _own_arguments() -> tuple[str, ...]:
     return tuple(name for name in inspect.signature(fit).parameters if name != "settings")
 
 
-def _to_the_end(method: Method | Growing, problem: Problem, z, limits: Limits, callbacks: Callbacks) -> list[Run]:
+def _to_the_end(method: Method | Growing, problem: FitProblem, z, limits: Limits, callbacks: Callbacks) -> list[Run]:
     """All descents, with that on the whole record; if stages were ended by hand before it, only what it needs to
     report."""
     first = descend(method, problem, z, limits, callbacks)
@@ -173,7 +173,7 @@ def _to_the_end(method: Method | Growing, problem: Problem, z, limits: Limits, c
     return [first, _report(method, problem, first.z, callbacks, first.stopped)]
 
 
-def _report(method: Method | Growing, problem: Problem, z, callbacks: Callbacks, stopped: str) -> Run:
+def _report(method: Method | Growing, problem: FitProblem, z, callbacks: Callbacks, stopped: str) -> Run:
     """No descent, only what one that ended by hand in a stage or a start is reported by: the whole problem at z."""
     last = _even_if_interrupted(lambda: descend(method, problem, z, Limits(0, 1), callbacks, stages=False))
     return last._replace(stopped=stopped)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .horizon import GrowingHorizon, Stage
 from .least_squares import FAR, NEAR
 from .optimizers import Method
-from .problem import Outcome, Problem
+from .problem import FitProblem, Outcome
 
 
 class StageState(NamedTuple):
@@ -51,7 +51,7 @@ class Growing(eqx.Module):
         none = jnp.array(0)
         return StageState(self.method.begin(z, damping), end, jnp.array(stages), z, infinite, none, none, z)
 
-    def step(self, problem: Problem, state: StageState) -> tuple[StageState, Outcome, Any]:
+    def step(self, problem: FitProblem, state: StageState) -> tuple[StageState, Outcome, Any]:
         """One step of the optimizer on the present stage, or the first evaluation of the next one if that is over.
 
         A stage whose first motion fails is left out.

@@ -72,7 +72,7 @@ class GrowingHorizon(eqx.Module):
 
 
 class Stage(eqx.Module):
-    """A part of a `Problem`: measurements until a time, and unknowns held near the guess."""
+    """A part of a `FitProblem`: measurements until a time, and unknowns held near the guess."""
 
     growth: GrowingHorizon
     anchor: Float[Array, "parameter"]

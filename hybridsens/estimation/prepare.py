@@ -19,7 +19,7 @@ from .data import Measurements
 from .motions import FixedSettings, Start, event_count
 from .observers import observer
 from .parameters import Bounds, Selection, select
-from .problem import Observations, Prior, Problem
+from .problem import FitProblem, Observations, Prior
 
 SETTINGS = dict(rtol=1e-8, atol=1e-8, max_events=256, max_steps=4096)
 """What the motions of a fit are computed with by default."""
@@ -51,7 +51,7 @@ class Experiment(NamedTuple):
 
 def build_problem(
     scene, data: Measurements, unknowns: Unknowns, experiment: Experiment = Experiment(), robust: float | None = None,  # noqa: B008
-) -> Problem:  # fmt: skip
+) -> FitProblem:  # fmt: skip
     """The least-squares problem of a fit.
 
     Raises: ValueError or TypeError for what does not fit together.
@@ -65,7 +65,7 @@ def build_problem(
     observe = observer(experiment.observe, scene, start, data.names)
     if data.any_events:
         _check_events(data.event_contacts, type(scene).__name__, event_count(scene, start))
-    return Problem(
+    return FitProblem(
         scene, selection, begin, observe, observations(data), prior(selection, unknowns.priors),
         jnp.asarray(float(experiment.t0)), jnp.asarray(end), jnp.asarray(sigma_unit(data)),
         jnp.asarray(jnp.inf if robust is None else float(robust)), FixedSettings.of(experiment.settings),

@@ -85,7 +85,7 @@ class Prior(eqx.Module):
     """1 / sigma, 0 without a prior."""
 
 
-class Problem(eqx.Module):
+class FitProblem(eqx.Module):
     """Least squares: minimise sum r^2 / 2 over z; r holds observations, event times and priors, each in sigmas."""
 
     scene: Any
@@ -126,7 +126,7 @@ class Problem(eqx.Module):
         kind, contact = (jnp.where(events.time <= end, row, -1) for row in (events.kind, events.contact))
         return r, Trial(stopped | ~jnp.all(jnp.isfinite(r)), trajectory.status, kind, contact, end)
 
-    def at_stage_end(self, end) -> "Problem":
+    def at_stage_end(self, end) -> "FitProblem":
         """The same problem; a stage is one that ends there, whatever a motion shows."""
         if self.stage is None:
             return self
@@ -176,7 +176,7 @@ class Problem(eqx.Module):
 
 @eqx.filter_jit
 def predict(
-    problem: Problem, z: Float[Array, "parameter"]
+    problem: FitProblem, z: Float[Array, "parameter"]
 ) -> tuple[Trajectory | Solution, Float[Array, "sample observation"]]:
     """The motion at z, and what would be measured of it; compiled once for all who ask."""
     scene = problem.scene_at(z)

@@ -9,7 +9,7 @@ from .data import Measurements
 from .growing import Growing
 from .iterate import iterate
 from .optimizers import Method
-from .problem import Problem
+from .problem import FitProblem
 
 EXACT = 1e-7
 """Residuals of so small a part of the data's range are errors of the computation (its tolerance is 1e-8), no noise."""
@@ -22,7 +22,7 @@ def largest_datum(data: Measurements) -> float:
     return float(np.nanmax(np.abs(np.concatenate(parts))))
 
 
-def with_sizes(method: Method | Growing, problem: Problem, data: Measurements) -> Problem:
+def with_sizes(method: Method | Growing, problem: FitProblem, data: Measurements) -> FitProblem:
     """The problem, with the sizes of those parameters without bounds whose guess is 0.
 
     1 of their unknown moves the residuals by as much as these are at the guess, where the most effective entry of an
@@ -44,7 +44,7 @@ def with_sizes(method: Method | Growing, problem: Problem, data: Measurements) -
     return dataclasses.replace(problem, selection=dataclasses.replace(selection, scale=scale))
 
 
-def _of_arrays(problem: Problem, effect) -> Float[np.ndarray, "parameter"]:
+def _of_arrays(problem: FitProblem, effect) -> Float[np.ndarray, "parameter"]:
     """The largest of each array, in the place of all its entries."""
     sizes = [int(np.prod(shape)) for shape in problem.selection.shapes]
     parts = np.split(effect, np.cumsum(sizes)[:-1])

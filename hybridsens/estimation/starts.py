@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..validation.arguments import whole_number
 from .growing import Growing
 from .optimizers import Method
-from .problem import Problem
+from .problem import FitProblem
 
 
 class RandomStarts(eqx.Module):
@@ -43,7 +43,7 @@ class Starts(NamedTuple):
     converged: Bool[Array, "start"]
 
 
-def spread_starts(problem: Problem, z, starts: RandomStarts) -> Float[Array, "start unknown"]:
+def spread_starts(problem: FitProblem, z, starts: RandomStarts) -> Float[Array, "start unknown"]:
     """Starting points: the guess, and values drawn uniformly around it, inside the bounds."""
     selection = problem.selection
     guess = np.asarray(selection.to_values(z))
@@ -55,7 +55,7 @@ def spread_starts(problem: Problem, z, starts: RandomStarts) -> Float[Array, "st
 
 
 def descend_from_all(
-    method: Method | Growing, problem: Problem, zs: Float[Array, "start unknown"], iterations: int,
+    method: Method | Growing, problem: FitProblem, zs: Float[Array, "start unknown"], iterations: int,
     tell: Callable[[int, float], None],
 ) -> tuple[Starts, bool]:  # fmt: skip
     """All starts, and whether Ctrl-C ended them: then those that had finished, of which there is one at least.
@@ -77,7 +77,7 @@ def descend_from_all(
 
 
 @eqx.filter_jit
-def _descend_at_once(method: Method | Growing, problem: Problem, zs, iterations: int) -> Starts:
+def _descend_at_once(method: Method | Growing, problem: FitProblem, zs, iterations: int) -> Starts:
     return jax.vmap(lambda z: _descend(method, problem, z, iterations))(zs)
 
 
@@ -96,7 +96,7 @@ class _Running(NamedTuple):
 
 
 @eqx.filter_jit
-def _descend(method: Method | Growing, problem: Problem, z, iterations: int) -> Starts:
+def _descend(method: Method | Growing, problem: FitProblem, z, iterations: int) -> Starts:
     arrays, static = eqx.partition(method.begin(z), eqx.is_array)
 
     def body(now: _Running) -> _Running:

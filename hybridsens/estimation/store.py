@@ -17,7 +17,7 @@ from ..export.one_move import in_one_move
 from ..validation.caller import warn_caller
 from .data import Measurements
 from .parameters import Selection, check_inside
-from .problem import Problem
+from .problem import FitProblem
 
 
 class Store(NamedTuple):
@@ -82,7 +82,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def study_digest(problem: Problem, measured: Measurements) -> str:
+def study_digest(problem: FitProblem, measured: Measurements) -> str:
     """A digest of the measurements, of the name of the model's class, of its numbers that are not fitted and of its
     static ones, of a given initial state and mode, and of t0.
 

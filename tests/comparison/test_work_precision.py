@@ -11,7 +11,7 @@ import pytest
 import hybridsens as hs
 from hybridsens.cli.main import run
 from hybridsens.comparison.compare import Reference
-from hybridsens.comparison.functional import Reported
+from hybridsens.comparison.functional import CallReport
 from hybridsens.comparison.work_precision import Point, WorkPrecision, work_precision
 from hybridsens.comparison.work_precision_plot import plot_work_precision
 from hybridsens.comparison.work_precision_points import read_points, write_points
@@ -100,7 +100,7 @@ def test_the_run_that_errors_are_measured_against_has_none():
 
 def test_a_gradient_that_is_nan_is_a_failure(reference):
     """Its motion is whole, so nothing else tells of it."""
-    reached = Reported((), (), ())
+    reached = CallReport((), (), ())
     with pytest.raises(FloatingPointError, match="not finite"):
         work_precision_module._measure(lambda: (1.0, np.array([np.nan]), reached), reference)
 
