@@ -6,18 +6,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..export.names import contact_names, unit_of_contact
-from ..mechanics.flow import multipliers
+from ..mechanics.contact import Instant
 from ..mechanics.scene import AbstractScene
 from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
-from ..numerics.tolerances import closeness
 from .figure import legend_above, line, must_be_sampled, new_figure
+from .held import held_forces
 from .motion import contacts_shown, with_events
 
 
 def contact_forces(scene: AbstractScene, trajectory: Trajectory):
     """Times, with those of events twice, and the force of each contact at them (time, contact): lambda of
-    M v' = F + G lambda [N] where the contact is held closed, 0 where it is open.
+    M v' = F + G lambda [N] where the contact is held closed, by Gauss's principle (T2) at that state, 0 where it is
+    open. Of contacts that share a load in more than one way, as the four feet of a table, as many carry it as are
+    independent.
 
     Arguments: the scene that moved, and its trajectory with samples. Raises: ValueError without samples, or for a
     batch; NotImplementedError for a scene with switches.
@@ -29,9 +31,7 @@ def contact_forces(scene: AbstractScene, trajectory: Trajectory):
             "`plot_trajectory`, and its gaps are jax.vmap(scene.gap)(motion.ts, motion.q)."
         )
     t, q, v = with_events(trajectory)
-    active = _closed(scene, t, q)
-    forces = jax.vmap(lambda t, q, v, active: multipliers(scene, t, q, v, active))(jnp.asarray(t), q, v, active)
-    return t, np.asarray(forces)
+    return t, np.asarray(jax.jit(held_forces)(scene, Instant(jnp.asarray(t), q, v), trajectory.mode))
 
 
 def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
@@ -62,13 +62,3 @@ def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
     below.set_ylim(bottom=0)
     legend_above(above)
     return figure
-
-
-def _closed(scene: AbstractScene, t, q):
-    """Which contacts are held at each time: the gap is 0 to rounding there and at the next time or the one before, so
-    that a contact that is only touched is not taken for a held one."""
-    gap = jax.vmap(scene.gap)(jnp.asarray(t), q)
-    still = jnp.abs(gap) <= 100 * closeness(gap.dtype) * jnp.maximum(jnp.max(jnp.abs(gap), initial=0), 1e-30)
-    together = still[1:] & still[:-1] & (jnp.diff(jnp.asarray(t)) > 0)[:, None]
-    never = jnp.zeros((1, gap.shape[1]), bool)
-    return jnp.concatenate([together, never]) | jnp.concatenate([never, together])

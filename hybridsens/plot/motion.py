@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..export.names import contact_names, coordinate_names, split_unit
-from ..mechanics.contact import gap_and_rate
+from ..mechanics.contact import Instant, gap_and_rate
 from ..mechanics.mode import EventKind
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
-from ..numerics.tolerances import closeness
 from .figure import COLOURS, legend_above, line, must_be_sampled, new_figure
+from .held import closed_contacts
 
 MOST = 16
 """Of more contacts only some are drawn."""
@@ -49,7 +49,8 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
     velocities = _labels(scene, "coordinates", rates) or ["velocity"]
     name = velocities[0] if len(velocities) == 1 else "velocity"
     draw_lines(axes[1], t, np.asarray(v), name, velocities if len(velocities) == v.shape[1] else None)
-    _draw_closed(axes[2], t, gaps, trajectory, shown)
+    closed = np.asarray(jax.jit(closed_contacts)(scene, Instant(jnp.asarray(t), q, v)))
+    _draw_closed(axes[2], t, closed, trajectory, shown)
     axes[2].set_yticks(range(len(shown)), [contacts[i] for i in shown])
     if len(shown) < len(contacts):
         axes[0].set_title(f"{len(shown)} of {len(contacts)} contacts", loc="left", fontsize="small")
@@ -107,9 +108,8 @@ def _draw_events(axes: Axes, trajectory: Trajectory) -> None:
     legend_above(axes)
 
 
-def _draw_closed(axes: Axes, t, gaps, trajectory: Trajectory, shown: list[int]) -> None:
+def _draw_closed(axes: Axes, t, closed, trajectory: Trajectory, shown: list[int]) -> None:
     """One row for each contact: a bar while its gap is closed, a tick at each of its events."""
-    closed = np.abs(gaps) <= closeness(gaps.dtype) * np.max(np.abs(gaps), initial=0)
     contact, time = np.asarray(trajectory.events.contact), np.asarray(trajectory.events.time)
     contact = np.where(np.asarray(trajectory.events.kind) == EventKind.SWITCH, -1, contact)
     for row, i in enumerate(shown):
