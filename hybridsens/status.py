@@ -66,8 +66,9 @@ class Status(eqx.Module):
     flow_jumps = outcome(
         "the motion reached its end, but its flow jumps where nothing tells of it, or changes within less than a step. "
         "Values are right; derivatives are not, since that of the instant of the jump is missing. Make the jump an "
-        "event: by a guard, or by `located_discontinuities = True`, which locates comparisons; widen what is smooth "
-        "but steep, or tighten `rtol` and `atol`. Where no derivative is wanted, set `known_discontinuities = True`."
+        "event: by a guard, or by `located_discontinuities = True`, which locates comparisons; declare its time by "
+        "`jump_ts=` where it depends on the time alone; widen what is smooth but steep, or tighten `rtol` and `atol`. "
+        "Where no derivative is wanted, set `known_discontinuities = True`."
     )
     event_repeats = outcome(
         "an event happened again at the instant at which it had just happened, and would for ever. Where switches "

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import AbstractFlatSystem, Mode
 from ..status import Status
@@ -39,8 +39,8 @@ class Step(NamedTuple):
 
 
 def told_of_flow_jumps(system: AbstractFlatSystem, least_state: Any, motion: Motion) -> Motion:
-    """The motion, in doubt where its flow jumps by the state inside of a step. (A jump by the time alone takes nothing
-    from the derivative by the state.) Entries of the state below `least_state` are not looked at by its tolerances."""
+    """The motion, in doubt where its flow jumps inside of a step. Entries of the state below `least_state` are not
+    looked at by its tolerances."""
     steps = motion.steps
     mean_step = (motion.t - steps.t[0]) / jnp.maximum(steps.count, 1)
     jumps = lambda k: jumps_inside(system, least_state, _step(motion, k))
@@ -83,13 +83,27 @@ def _step(motion: Motion, k: Int[Array, ""]) -> Step:
 
 
 def jumps_inside(system: AbstractFlatSystem, least_state, step: Step) -> Bool[Array, ""]:
-    """Whether the flow jumps by the state inside of a step."""
+    """Whether the flow jumps by the state inside of a step, or by the time where some times are declared.
+
+    A jump by the time alone takes nothing from the derivative by the state, but all from that by what makes the time.
+    Where no time is declared, the trace has told of such a jump already."""
     mode, (t0, x0), (t1, x1) = step
     # One step's length before it, at both ends, and behind it. In a loop: one copy to compile.
-    ahead = jnp.array([-1, 0, 1, 2], x0.dtype)[:, None]
-    flows = lax.map(lambda x: system.flow(t1, x, mode), x0 + ahead * (x1 - x0))
+    ahead = jnp.array([-1, 0, 1, 2], x0.dtype)
+    times, states = jnp.full_like(ahead, t1), x0 + ahead[:, None] * (x1 - x0)
+    by_time = system.jump_times() is not None
+    if by_time:
+        times = jnp.concatenate([times, t0 + ahead * (t1 - t0)])
+        states = jnp.concatenate([states, jnp.broadcast_to(x1, states.shape)])
+    flows = lax.map(lambda at: system.flow(*at, mode), (times, states))
+    rounding = float(jnp.finfo(x0.dtype).eps) ** NOISE * (jnp.abs(x1) + least_state)
+    jumps = _jumps(flows[:4], t1 - t0, rounding)
+    return jumps | _jumps(flows[4:], t1 - t0, rounding) if by_time else jumps
+
+
+def _jumps(flows: Float[Array, "4 state"], h, rounding) -> Bool[Array, ""]:
+    """Whether the flow jumps between the second and the third of four places, h apart."""
     before, change, behind = jnp.abs(flows[1:] - flows[:-1])
     largest = jnp.maximum(jnp.abs(flows[1]), jnp.abs(flows[2]))
-    rounding = float(jnp.finfo(x0.dtype).eps) ** NOISE * (jnp.abs(x1) + least_state)
-    matters = (change >= CHANGE * largest) & (change * (t1 - t0) >= rounding)
+    matters = (change >= CHANGE * largest) & (change * h >= rounding)
     return jnp.any(matters & (OUTSIDE * change > jnp.maximum(before, behind)))

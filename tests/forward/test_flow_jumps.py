@@ -123,3 +123,47 @@ def test_a_jump_by_the_time_alone_takes_nothing_from_the_derivative_by_the_state
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", hs.DiscontinuityWarning)
         assert_close(jax.grad(J)(C), 1.5, 1e-6)
+
+
+class Stepped(hs.AbstractScene):
+    """A force that is constant between knots, above a floor far below; so many knots are declared."""
+
+    knots: jax.Array
+    levels: jax.Array
+    declared: int
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return self.levels[jnp.searchsorted(self.knots, t, side="right")][None]
+
+    def gap(self, t, q):
+        return 9.0 + q
+
+    def restitution(self):
+        return jnp.ones(1)
+
+    def jump_times(self):
+        return self.knots[: self.declared]
+
+
+def test_a_jump_in_time_beside_declared_ones_is_told():
+    """q(1) by a knot is (level before - level after) (1 - knot). That of a knot that is not declared was 0, in silence,
+    since a time that is declared tells the trace that these are."""
+    levels = jnp.array([0.0, 0.5, -0.2, 0.7])
+
+    def by_knots(declared, throw=True):
+        end = lambda knots: hs.simulate(
+            Stepped(knots, levels, declared), hs.State([1.0], [0.0]), t1=1.0, max_events=4, max_steps=256, throw=throw
+        )
+        both = lambda knots: ((motion := end(knots)).final.q[0], motion)
+        return jax.jit(jax.grad(both, has_aux=True))(jnp.array([0.2, 0.3, 0.6]))
+
+    gradient, motion = by_knots(3)
+    assert motion.status == hs.Status.successful
+    assert_close(gradient, -jnp.diff(levels) * (1 - jnp.array([0.2, 0.3, 0.6])), 1e-9)
+    _, motion = by_knots(1, throw=False)
+    assert motion.status == hs.Status.flow_jumps
+    assert_close(motion.doubt_time, jnp.array(0.3), 1e-5)
+    assert by_knots(2, throw=False)[1].status == hs.Status.flow_jumps
