@@ -1,7 +1,7 @@
 """Why a gradient is in doubt, and what to do about it."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.smoothness import REMEDIES
 from ..mechanics.trajectory import Events
 from ..status import Status
+from .check_doubts import UNDECIDED, Cause, Doubts, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck
 from .check_finite import without_derivative
 from .check_grazing import grazes
@@ -18,47 +19,6 @@ from .check_motions import Call
 
 NEAR = 1e-6
 """An event this part of the horizon away from a time asked for happens at that time."""
-
-
-class ParameterCheck(NamedTuple):
-    """One entry of the gradient by three methods."""
-
-    parameter: str
-    adjoint: float
-    forward: float
-    differences: float
-    """With the sequence of events kept; nan where it changes within the smallest differences tried."""
-    uncertainty: float
-    """How far the differences of two widths are apart."""
-    reference: float
-    """By another solver, with the derivative resolved much better; nan where that takes too many steps."""
-    verdict: str
-    """Empty where all agree."""
-
-
-class Cause(NamedTuple):
-    """One likely cause of a doubt."""
-
-    kind: str
-    """"no derivative", "step control", "motion", "discontinuity", "grazing", "simultaneous impacts",
-    "event at a data time", "event at a jump time", "other events" or "unexplained"."""
-    parameters: tuple[str, ...]
-    """In which parameters it is to be looked for."""
-    events: tuple[str, ...]
-    """And in which events, by their labels in the report."""
-    reason: str
-    remedy: str
-
-
-class Doubts(NamedTuple):
-    """What is in doubt."""
-
-    parameters: tuple[str, ...]
-    events: tuple[EventCheck, ...]
-
-    def cause(self, kind: str, reason: str, remedy: str, events: Sequence[EventCheck] = ()) -> Cause:
-        """A cause that may lie behind every parameter, and behind the given ones of the events."""
-        return Cause(kind, self.parameters, tuple(entry.label for entry in events), reason, remedy)
 
 
 def find_causes(
@@ -87,7 +47,8 @@ def find_causes(
     causes = [_step_control(steps)] if steps else []
     if any(doubts):
         others = [cause for n, call in enumerate(calls) for cause in _of_motion(doubts, n, call, settings)]
-        causes += others or _elsewhere(doubts, resolved)
+        undecided = all(entry.verdict.startswith(UNDECIDED) for entry in parameters if entry.verdict)
+        causes += others or _elsewhere(doubts, resolved, undecided)
     return tuple(causes)
 
 
@@ -116,14 +77,15 @@ def _step_control(names: tuple[str, ...]) -> Cause:
     return Cause("step control", names, (), reason, remedy)
 
 
-def _elsewhere(doubts: Doubts, resolved: dict[str, bool]) -> list[Cause]:
+def _elsewhere(doubts: Doubts, resolved: dict[str, bool], undecided: bool) -> list[Cause]:
     """Causes where no motion shows one: it is not resolved, or the derivative is that of another function."""
     off = tuple(name for name in doubts.parameters if name in resolved)
     rest = doubts._replace(parameters=tuple(name for name in doubts.parameters if name not in off))
     reason = "the motion is not resolved: with another solver and tighter tolerances the gradient is another"
     motion = Cause("motion", off, (), reason, "tighten `rtol` and `atol`, or shorten the horizon")
     untested = not doubts.parameters and not resolved and all(entry.verdict == OTHER_EVENTS for entry in doubts.events)
-    return ([motion] if off else []) + ([_untested(rest) if untested else _unexplained(rest)] if any(rest) else [])
+    other = _untested(rest) if untested else _unexplained(rest, undecided and not doubts.events)
+    return ([motion] if off else []) + ([other] if any(rest) else [])
 
 
 def _of_motion(doubts: Doubts, number: int, call: Call, settings) -> list[Cause]:
@@ -189,15 +151,28 @@ def _at_data_time(doubts: Doubts, number: int, call: Call) -> Cause | None:
 
 
 def _at_jump_time(doubts: Doubts, number: int, call: Call) -> Cause | None:
-    """An event at a declared jump time comes before it or after it when a parameter moves, with another derivative."""
-    met = None if call.jump_ts is None else _events_at(doubts, number, call, call.jump_ts)
-    if met is None:
+    """An event at a declared jump time comes before it or after it when a parameter moves, with another derivative; and
+    such a time at an end of the horizon comes to lie inside of it or outside."""
+    declared = call.scene.jump_times() if call.jump_ts is None else call.jump_ts
+    if declared is None or not doubts.parameters:
+        return None
+    met = _events_at(doubts, number, call, declared)
+    if met is not None:
+        reason = (
+            f"an event ({met[0]}) at a declared jump time (t = {met[1]}): for the least change it comes before that "
+            "time or after it, so that a derivative holds on one side alone"
+        )
+        remedy = "move that time off the event, or take one-sided differences"
+        return doubts.cause("event at a jump time", reason, remedy)
+    near = NEAR * float(call.t1 - call.t0)
+    ends = [float(end) for end in (call.t0, call.t1) if np.any(np.abs(np.asarray(declared) - float(end)) <= near)]
+    if not ends:
         return None
     reason = (
-        f"an event ({met[0]}) at a declared jump time (t = {met[1]}): for the least change it comes before that time "
-        "or after it, so that a derivative holds on one side alone"
+        f"a declared jump time at an end of the horizon (t = {', '.join(f'{end:.6g}' for end in ends)}): for the least "
+        "change it lies inside or outside, so that a derivative by it holds on one side alone"
     )
-    return doubts.cause("event at a jump time", reason, "move that time off the event, or take one-sided differences")
+    return doubts.cause("jump time at an end", reason, "leave that parameter out, or move that time off the end")
 
 
 def _events_at(doubts: Doubts, number: int, call: Call, asked) -> tuple[str, str] | None:
@@ -230,7 +205,11 @@ def _untested(doubts: Doubts) -> Cause:
     return doubts.cause("other events", reason, remedy, doubts.events)
 
 
-def _unexplained(doubts: Doubts) -> Cause:
+def _unexplained(doubts: Doubts, undecided: bool) -> Cause:
+    if undecided:
+        reason = "differences do not decide: J has a kink or a jump close by, or changes by little more than rounding"
+        remedy = "look at J around these values; both gradient methods and the reference, where there is one, agree"
+        return doubts.cause("undecided", reason, remedy, doubts.events)
     reason = "none of those that are looked for; most often a derivative that is not that of its function"
     remedy = "look for `stop_gradient`, `custom_jvp` or a kink of the cost itself, where these parameters enter"
     return doubts.cause("unexplained", reason, remedy, doubts.events)

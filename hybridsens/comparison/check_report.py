@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from ..export.text import name_and_numbers, preformatted, wrapped
-from .check_causes import Cause, ParameterCheck
+from .check_doubts import Cause, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck
 
 MOST_LETTERS = 10

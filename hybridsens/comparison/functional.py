@@ -33,6 +33,12 @@ NEEDED = ("initial_state", "t1", "running_cost")
 """What a scene or a system has where no cost is given: where it starts, how long it runs, what it costs."""
 
 
+_OWN_MOTION = (
+    "`cost` must move its scene by the function that it is given, cost(scene, simulate), in whose place each method "
+    "puts its own, but it does not call that one: use it in place of hybridsens.simulate and hybridsens.solve."
+)
+
+
 class CallReport(NamedTuple):
     """What is kept of each call of `simulate` beside the cost."""
 
@@ -123,6 +129,8 @@ def functional(parameters: FlatParameters, cost: Cost, simulate: Callable) -> Ca
             return motions[-1]
 
         J = _real_scalar(cost(parameters.rebuild(vector), recording))
+        if not motions:
+            raise TypeError(_OWN_MOTION)
         known = [motion for motion in motions if isinstance(motion, Trajectory | Solution)]
         each = lambda what: tuple(map(what, known))
         return J, CallReport(each(lambda m: m.status), each(lambda m: m.events.count), each(lambda m: m.doubt_time))
@@ -158,10 +166,7 @@ def told_of_the_cost() -> Iterator[None]:
             ) from error
         if str(error) not in (REVERSE_ONLY, FORWARD_ONLY):
             raise
-        raise TypeError(
-            "`cost` must move its scene by the function that it is given, cost(scene, simulate), in whose place each "
-            "method puts its own, but it calls hybridsens.simulate or hybridsens.solve itself: use the one it is given."
-        ) from error
+        raise TypeError(_OWN_MOTION) from error
 
 
 def _real_scalar(J: Any) -> Float[Array, ""]:

@@ -95,7 +95,7 @@ def jumps_inside(system: AbstractFlatSystem, least_state, step: Step) -> Bool[Ar
     if by_time:
         times = jnp.concatenate([times, t0 + ahead * (t1 - t0)])
         states = jnp.concatenate([states, jnp.broadcast_to(x1, states.shape)])
-    flows = lax.map(lambda at: system.flow(*at, mode), (times, states))
+    flows = lax.map(lambda at: system.flow(at[0], at[1], mode), (times, states))
     rounding = float(jnp.finfo(x0.dtype).eps) ** NOISE * (jnp.abs(x1) + least_state)
     jumps = _jumps(flows[:4], t1 - t0, rounding)
     return jumps | _jumps(flows[4:], t1 - t0, rounding) if by_time else jumps

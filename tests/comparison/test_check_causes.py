@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
-from hybridsens.comparison.check_causes import ParameterCheck, find_causes
+from hybridsens.comparison.check_causes import find_causes
+from hybridsens.comparison.check_doubts import ParameterCheck
 from hybridsens.comparison.check_events import OTHER_EVENTS, EventCheck
 from hybridsens.comparison.check_gradient import check_gradient
 from hybridsens.comparison.check_grazing import grazes
@@ -49,7 +50,7 @@ def test_an_event_that_could_not_be_tested_by_itself_blames_no_derivative():
 def test_no_steps_are_blamed_where_a_guard_jumps():
     """Its gradient may be nan there, and that of shorter steps is nan too."""
     events = SimpleNamespace(time=np.array([0.7]), count=1)
-    call = Call(None, None, 0.0, 2.0, events, hs.Status.guard_jumps, None, None, ())
+    call = Call(Ball(), None, 0.0, 2.0, events, hs.Status.guard_jumps, None, None, ())
     doubtful = ParameterCheck("place", math.nan, math.nan, math.nan, math.nan, math.nan, "not decided")
     (cause,) = find_causes([doubtful], [], [call], {"place": False}, {})
     assert cause.kind == "discontinuity" and "guard jumps" in cause.reason

@@ -2,6 +2,7 @@
 
 import importlib
 import math
+import re
 
 import equinox as eqx
 import jax
@@ -90,9 +91,9 @@ def test_an_adjoint_that_is_off_by_a_millionth_is_named(monkeypatch):
     monkeypatch.setattr(check_gradient_module, "_gradient", wrong)
     monkeypatch.setattr(check_gradient_module, "check_events", lambda *call: [])
     check = check_gradient(Ball(restitution_coefficient=0.8), max_events=8, max_steps=1024)
-    assert {entry.parameter: entry.verdict for entry in check.parameters if entry.verdict} == {
-        "weight": "adjoint and forward sensitivities disagree"
-    }
+    (found,) = [entry for entry in check.parameters if entry.verdict]
+    assert found.parameter == "weight"
+    assert re.fullmatch(r"adjoint and forward sensitivities disagree by \d\.\de-0\d", found.verdict)
     assert "In doubt: parameters weight; events -." in str(check)
 
 
@@ -102,7 +103,7 @@ def at_end(system, solve):
 
 FLAT = {
     "the best fit": lambda system, solve: (at_end(system, solve) - math.exp(-0.7)) ** 2,
-    "constant": lambda system, solve: jnp.array(1.0),
+    "constant": lambda system, solve: 1.0 + 0.0 * at_end(system, solve),
 }
 
 

@@ -49,11 +49,12 @@ def test_a_motion_inside_of_a_transformation_is_told_of(study, cost):
         study(Decay(), cost, progress=False, **ROOM)
 
 
-def test_a_motion_of_the_costs_own_is_told_of():
-    """Assert that `solve` in place of the function that is given is named."""
+@pytest.mark.parametrize("study", [check_gradient, compare, hs.work_precision])
+def test_a_motion_of_the_costs_own_is_told_of(study):
+    """Assert that `solve` in place of the function that is given is named: every row would be the same method."""
     cost = lambda system, solve: final(system, hs.solve)
     with pytest.raises(TypeError, match="`cost` must move its scene by the function that it is given"):
-        check_gradient(Decay(), cost, progress=False, **ROOM)
+        study(Decay(), cost, progress=False, **ROOM)
 
 
 @jax.custom_vjp

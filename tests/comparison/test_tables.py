@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hybridsens.comparison.check_causes import Cause, ParameterCheck
+from hybridsens.comparison.check_doubts import Cause, ParameterCheck
 from hybridsens.comparison.check_events import EventCheck
 from hybridsens.comparison.check_report import GradientCheck
 from hybridsens.comparison.compare_table import Comparison, Reference, Row
