@@ -65,7 +65,18 @@ if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and edi
         plot_solution,
         plot_trajectory,
     )
-    from .sweeps import Design, grid, latin_hypercube, plot_bifurcation, plot_sweep, sobol, sweep
+    from .sweeps import (
+        Design,
+        dgsm,
+        grid,
+        latin_hypercube,
+        plot_bifurcation,
+        plot_sweep,
+        saltelli,
+        sobol,
+        sobol_indices,
+        sweep,
+    )
 
 __version__ = version("hybridsens")
 
@@ -80,7 +91,7 @@ _BY_MODULE = {
     "estimation": "FitResult GrowingHorizon Measurements RandomStarts fit measurements read_measurements",
     "plot": "Animation animate contact_forces costate plot_contacts plot_coordinates plot_costate plot_gradients "
     "plot_phase plot_solution plot_trajectory",
-    "sweeps": "Design grid latin_hypercube plot_bifurcation plot_sweep sobol sweep",
+    "sweeps": "Design dgsm grid latin_hypercube plot_bifurcation plot_sweep saltelli sobol sobol_indices sweep",
 }
 _STUDIES = {name: module for module, names in _BY_MODULE.items() for name in names.split()}
 """Public name -> module that is imported when the name is first asked for: it needs libraries that a simulation does
@@ -92,10 +103,10 @@ __all__ = [
     "Events", "FitResult", "ForwardSensitivities", "GradientCheck", "GrowingHorizon", "LagrangianScene", "Measurements",
     "RandomStarts", "RecordedStep", "Replay", "Settings", "SimulationError", "Solution", "SolutionEvents", "State",
     "Status", "StepBack", "Steps", "Trajectory", "WorkPrecision", "animate", "check_gradient", "compare", "configure",
-    "contact_forces", "costate", "fit", "grid", "latin_hypercube", "load", "lyapunov", "measurements", "planar",
+    "contact_forces", "costate", "dgsm", "fit", "grid", "latin_hypercube", "load", "lyapunov", "measurements", "planar",
     "plot_bifurcation", "plot_comparison", "plot_contacts", "plot_coordinates", "plot_costate", "plot_gradients",
     "plot_phase", "plot_solution", "plot_sweep", "plot_trajectory", "plot_work_precision", "read_measurements",
-    "scenes", "simulate", "sobol", "solve", "sweep", "systems", "work_precision",
+    "saltelli", "scenes", "simulate", "sobol", "sobol_indices", "solve", "sweep", "systems", "work_precision",
 ]  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def _tolerances(rtol, atol, dtype):
         double = " For double precision " + (
             "give the initial state in it, as by `jnp.asarray(q, float)`."
             if enabled
-            else "call `hybridsens.configure(x64=True)` before JAX starts."
+            else "call `hybridsens.configure()` before JAX starts."
         )
         warn_caller(
             f"An `rtol` below {finest:.1e} is beyond {dtype} and is raised to it"
@@ -166,16 +166,22 @@ def _serves(solver) -> bool:
     return isinstance(solver, diffrax.AbstractAdaptiveSolver) and solver.term_structure is diffrax.AbstractTerm
 
 
+def check_solver(name: str, solver: Any) -> None:
+    """Raise TypeError for what does not solve the flow with an error estimate."""
+    if not _serves(solver):
+        raise TypeError(
+            f"`{name}` must be a Diffrax solver of ordinary differential equations with an error estimate, such as "
+            f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), but is {kind_of(solver)}."
+        )
+
+
 def check_settings(max_events, max_steps, solver, adjoint, throw):
     """Raise ValueError or TypeError for room that is no count, and for what is no solver, method or way to raise."""
     for name, value in (("max_events", max_events), ("max_steps", max_steps)):
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
             raise ValueError(f"`{name}` must be an integer >= 1, but is {value!r}.")
-    if solver is not None and not _serves(solver):
-        raise TypeError(
-            "`solver` must be a Diffrax solver of ordinary differential equations with an error estimate, such as "
-            f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), but is {kind_of(solver)}."
-        )
+    if solver is not None:
+        check_solver("solver", solver)
     if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
         raise TypeError(f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {kind_of(adjoint)}.")
     if not isinstance(throw, bool) and not (isinstance(throw, str) and throw == "nan"):

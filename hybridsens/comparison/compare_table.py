@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from ..export.one_move import in_one_move
 from ..export.text import TERMINAL, name_and_numbers, preformatted, wrapped
@@ -154,6 +155,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     time_axes.set_xlabel("time per gradient [s]")
     for axes in (error_axes, time_axes):
         axes.set_xscale("log")
+        axes.xaxis.set_minor_formatter(NullFormatter())  # labels of a short axis would lie on one another
         axes.margins(x=0.3)
         axes.grid(axis="x", color="0.85", linewidth=0.6)
         axes.set_axisbelow(True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, ForwardSensitivities, Replay
 from ..parameters import FlatParameters, flatten_parameters
-from ..settings import Settings, chosen_settings, finest_tolerance
+from ..settings import Settings, check_solver, chosen_settings, finest_tolerance
 from ..validation.arguments import real_tolerance
 from ..waiting import counted
 from .compare import Reference, must_be_finite, relative_error, tight_reference
@@ -79,6 +79,8 @@ def work_precision(
     solvers, tolerances, methods, dtypes = (_listed(name, entries) for name, entries in asked.items())
     for tolerance in tolerances:
         real_tolerance("tolerances", tolerance)
+    for solver in solvers:
+        check_solver("solvers", solver)
     unknown = set(dtypes) - {"float64", "float32"}
     if unknown:
         raise ValueError(f'`dtypes` must have entries among "float64" and "float32", but has {sorted(unknown)}.')

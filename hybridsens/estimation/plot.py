@@ -56,9 +56,12 @@ def _time(result: Any) -> str:
 
 def _ordinate(names: Any) -> str:
     """The name of a column that is alone; of several the unit, if it is one."""
+    return str(names[0]) if len(names) == 1 else _unit(names)
+
+
+def _unit(names: Any) -> str:
+    """The unit of all columns, "[m]"; "" where they have none, or several."""
     units = {split_unit(name)[1] for name in names}
-    if len(names) == 1:
-        return str(names[0])
     return f"[{units.pop()}]" if len(units) == 1 and None not in units else ""
 
 
@@ -72,7 +75,7 @@ def _plot_residuals(axes: Any, result: Any) -> None:
     _mark_events(axes, result)
     alone = "" if result.data.names else "; dashed lines are events"
     _label(axes, _time(result), f"residuals (model - measurement){alone}")
-    axes.set_ylabel("" if result.event_residuals.size else _ordinate(result.data.names))
+    axes.set_ylabel("" if result.event_residuals.size else f"residual {_unit(result.data.names)}".strip())
 
 
 def _plot_convergence(axes: Any, result: Any) -> None:
@@ -91,7 +94,7 @@ def _plot_convergence(axes: Any, result: Any) -> None:
         axes.semilogy(*ends, "x", color="C2", label="end of a start")
     axes.xaxis.set_major_locator(whole_ticks())
     several = len({line.stage for line in result.history}) > 1
-    _label(axes, "iteration", "loss, stage by stage" if several else "loss")
+    _label(axes, "iteration", "loss, stage by stage" if several else "loss: half the sum of squares")
 
 
 def _label(axes: Any, below: str, title: str) -> None:

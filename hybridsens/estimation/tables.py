@@ -76,12 +76,25 @@ def _time_column(table: Mapping[str, Any], index_alone: bool) -> str:
         if near is not None and (unit := _IN_BRACKETS.search(near)):
             _check_unit_of_times(near, unit[1])
         name = near or "name"
+        if all(_is_number(name) for name in table):
+            raise ValueError(
+                f"The first line of the table must name its columns, but has numbers alone: {list(table)}. Put a line "
+                'such as "t,q0" before them.'
+            )
         own = ' If it is the index, name that: `data.rename_axis("t")`.' if index_alone else ""
         raise ValueError(
             f'The table must have a column of times "t" or "time" [s], but has {list(table)}. Say which one it is: '
             f"`read_measurements(data, time={name!r})`, in a terminal --time {name!r}, or rename it.{own}"
         )
     return known
+
+
+def _is_number(name: Any) -> bool:
+    try:
+        float(name)
+    except (TypeError, ValueError):
+        return False
+    return isinstance(name, str)
 
 
 def _index_without_name(data: Any) -> bool:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jax import lax
 
+from ..export.names import contact_names, coordinate_names
 from ..flat_system import START
 from ..numerics.tolerances import MOST_RELAXED, time_resolution
 from ..status import Status
@@ -50,6 +51,8 @@ def check_shapes(scene: AbstractScene, state: State, running_cost) -> bool:
     t, owner = jax.ShapeDtypeStruct((), q.dtype), type(as_written(scene))
     asked = lambda form: Asked(form, getattr(scene, form.partition("(")[0]), owner)
     gap = must_have_shape(asked("gap(t, q)"), returned_array(asked("gap(t, q)"), t, q), ("contact",))
+    coordinate_names(as_written(scene), q.shape[0])  # names that do not fit are refused before the motion, not after it
+    contact_names(as_written(scene), gap.shape[0])
     if jnp.finfo(gap.dtype).bits < jnp.finfo(q.dtype).bits:  # its rounding is what events are told by
         raise TypeError(
             f"`gap` must return {q.dtype}, the type of the state, but returns {gap.dtype}, which is coarser: give both "

@@ -92,10 +92,15 @@ def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: 
         "bad_restitution": lambda: _of_contact("restitution", scene, scene.restitution(), _worst_restitution),
         "bad_horizon": lambda: f"Here t0 is {t0:.9g} and t1 is {t1:.9g}.",
         "unsorted_times": lambda: time_in_the_way(ts, t0, t1),
+        "event_repeats": lambda: _impacts_accumulate(scene) + _last_events(motion),
         "non_finite": lambda: not_finite_among(scene, state) or _last_events(motion),
     }
     text = told.get(motion.status.name, lambda: _last_events(motion))()
     return f" {text}" if text else ""
+
+
+def _impacts_accumulate(scene: AbstractScene) -> str:
+    return "" if scene.sustained_contact else "The scene sets `sustained_contact = False`: set it to True. "
 
 
 def _of_contact(what: str, scene: AbstractScene, values, pick) -> str:

@@ -14,7 +14,9 @@ class ContactStatus(Status):
         "let a gap that depends on time move without a jump."
     )
     penetration = outcome(
-        "the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component.", at_start=True
+        "the initial state penetrates a contact. It must have gap(t0, q) >= 0 in every component: a gap is positive "
+        "while its contact is open, negative inside of the obstacle.",
+        at_start=True,
     )
     bad_restitution = outcome("every coefficient of restitution must lie in [0, 1].")
     bad_mass_matrix = outcome(

@@ -21,8 +21,9 @@ MOST_FRAMES = 600
 class Animation:
     """A moving picture: `save` writes a GIF or an HTML page, and a notebook shows it."""
 
-    def __init__(self, moving: FuncAnimation, frames_per_second: float | int):
+    def __init__(self, moving: FuncAnimation, frames: int, frames_per_second: float | int):
         self.moving = moving
+        self.frames = frames
         self.frames_per_second = frames_per_second
 
     def save(self, path: str | Path) -> None:
@@ -37,6 +38,9 @@ class Animation:
             self.moving.save(path, writer=PillowWriter(fps=pace))
         else:
             path.write_text(self.moving.to_jshtml(fps=pace))
+
+    def __repr__(self) -> str:
+        return f"Animation of {self.frames} frames, {self.frames_per_second:g} a second: `.save('motion.gif')`"
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the GIF itself, which the notebook keeps."""
@@ -83,7 +87,7 @@ def animate(
     frames = [_bodies(outlines(q[k], ts[k])) for k in nearest]
     if len({len(bodies) for bodies in frames}) > 1:
         raise ValueError("`draw` must return as many outlines at each instant, but returns more at one than another.")
-    return Animation(_moving(frames, ts[nearest], size, 1000 / frames_per_second), frames_per_second)
+    return Animation(_moving(frames, ts[nearest], size, 1000 / frames_per_second), count, frames_per_second)
 
 
 def _bodies(outlines: Any) -> list[np.ndarray]:

@@ -28,6 +28,9 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     dims = dataset.J.dims
     if len(dims) != 2 or any(dim not in dataset.coords for dim in dims):
         one = ": over one parameter draw `dataset.J.plot()`, or `plot_bifurcation`" if len(dims) == 1 else ""
+        if dims == ("point",):
+            some = next((str(name) for name in dataset.coords if name != "point"), "mass")
+            one = f": of points that are no grid draw `dataset.plot.scatter(x={some!r}, y='J')`"
         raise ValueError(f"A map must have a grid of two parameters, but the points have the dimensions {dims}{one}.")
     dataset = dataset.sortby(list(dims))  # the cells of a map lie beside each other
     maps = {"J": dataset.J}
@@ -144,7 +147,7 @@ def plot_bifurcation(
         axes.plot(failed, np.zeros(failed.size), "x", color="#c8553d", label="failed", **at_the_foot)
         legend_above(axes)
     axes.set_xlabel(_label(dataset[parameter]))
-    axes.set_ylabel(f"{named} once a period")
+    axes.set_ylabel(f"{named}, sampled")
     return axes.figure  # pyright: ignore[reportReturnType]
 
 

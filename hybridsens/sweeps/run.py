@@ -4,6 +4,7 @@ import functools
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..parameters import parameters
@@ -20,6 +21,9 @@ from .store import MemoryStore, ZarrStore, open_or_create, points_in, tile_shape
 
 if TYPE_CHECKING:
     import xarray as xr
+
+OTHER_FILES = (".csv", ".nc", ".json", ".txt", ".h5", ".parquet")
+"""Endings of what is no Zarr store. It would be made as a folder of that name."""
 
 
 def sweep(
@@ -73,6 +77,8 @@ def sweep(
     xarray()  # if it is missing, it is told before anything has been computed
     design = scenes if isinstance(scenes, Design) else batch(scenes)
     chunk, events = whole_number("`chunk`", chunk), whole_number("`events`", events, 0)
+    if isinstance(store, str | Path) and Path(store).suffix in OTHER_FILES:
+        raise ValueError(f"`store` must be a Zarr store, a folder such as map.zarr, but is {str(store)!r}.")
     if client is not None and store is None:
         raise ValueError("A sweep on a cluster must have a `store` that all workers can write to, but has none.")
     wanted = Wanted(_gradient_names(design.scene, gradient), events, states)

@@ -62,8 +62,8 @@ def told_of_constants(module: Any) -> Any:
         return module
     message = (
         f"A parameter must be an array of real numbers, but {type(module).__name__} has Python numbers or integers in "
-        f"{', '.join(constants)}, so that gradients have None there. Declare the field as jax.Array and give it 1.0 or "
-        "jnp.array(1.0); or, for a constant, write eqx.field(static=True)."
+        f"{', '.join(constants)}, which no gradient is taken by (`eqx.filter_grad` has None there). Declare the field "
+        "as jax.Array and give it 1.0 or jnp.array(1.0); or, for a constant, write eqx.field(static=True)."
     )
     parameters, rest = eqx.partition(module, eqx.is_inexact_array)
     if not jax.tree.leaves(parameters):

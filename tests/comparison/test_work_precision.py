@@ -242,3 +242,5 @@ def test_one_setting_where_a_list_is_asked_for_is_refused(one, unchecked):
     (name,) = one
     with pytest.raises(TypeError, match=f"`{name}` must be a list, but is .*Write {name}=\\["):
         work_precision(scene(), **one)
+    with pytest.raises(TypeError, match="`solvers` must be a Diffrax solver"):
+        work_precision(scene(), solvers=("Tsit5",))

@@ -108,3 +108,11 @@ def test_complex_numbers_are_no_measurements():
     """Assert that they are refused; their imaginary part would be lost."""
     with pytest.raises(ValueError, match="must be an array of real numbers"):
         hs.measurements(TIMES, np.array([[1.0], [2.0j], [3.0]]), names=["q0"])
+
+
+def test_a_table_without_a_header_is_told_of(tmp_path):
+    """Its first row would be taken for the names."""
+    path = tmp_path / "bare.csv"
+    path.write_text("0.1,0.95\n0.2,0.80\n")
+    with pytest.raises(ValueError, match="The first line of the table must name its columns, but has numbers alone"):
+        read_measurements(path)

@@ -111,7 +111,7 @@ def test_a_bifurcation_diagram_of_a_system_takes_a_leaf_of_its_state(state, dims
     leaf = xr.DataArray(values if dims else values[..., 1], {"a": [1.0, 2.0]}, ("a", "sample", *dims))
     axes = plot_bifurcation(xr.Dataset({state: leaf}), state, component=1).axes[0]
     assert axes.lines[0].get_ydata().tolist() == values[..., 1].ravel().tolist()
-    assert axes.get_ylabel() == f"{state}[1] once a period" if dims else f"{state} once a period"
+    assert axes.get_ylabel() == f"{state}[1], sampled" if dims else f"{state}, sampled"
 
 
 @pytest.mark.slow
