@@ -1,4 +1,4 @@
-"""What `simulate` says of names that do not fit a scene, and of impacts that accumulate where nothing may stay closed."""
+"""What `simulate` says of names that do not fit, and of impacts that accumulate where nothing may stay closed."""
 
 import jax.numpy as jnp
 import pytest
