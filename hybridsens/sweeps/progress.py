@@ -37,12 +37,17 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
     # The estimate looks back as far as it can: chunks take long, and a sweep's rate changes over its points.
     with Progress(*columns, speed_estimate_period=3600) as bar:
         task = bar.add_task("sweep", total=points, completed=present, rate="compiling")
+        compiled: list[tuple[float, float]] = []
 
         def advance(done: int) -> None:
+            """The rate is that since the program was compiled, which the first chunk waited for."""
             bar.advance(task, done)
             shown = bar.tasks[0]
-            rate = (shown.completed - present) / shown.elapsed if shown.elapsed else 0.0
-            bar.update(task, rate=f"{rate:,.0f}/s")
+            made, elapsed = shown.completed - present, shown.elapsed or 0.0
+            before, since = compiled[0] if compiled else (0.0, 0.0)
+            rate = (made - before) / (elapsed - since) if elapsed > since else 0.0
+            bar.update(task, rate=f"{rate:,.0f}/s" + ("" if compiled else " with compilation"))
+            compiled.append((made, elapsed))
 
         yield advance
 
@@ -50,10 +55,18 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
 def print_statuses(dataset: "xr.Dataset") -> None:
     """How many points ended how, and what can be done about those that failed."""
     counts, meaning = status_counts(dataset), dict(zip(Status.names(), Status.messages(), strict=True))
-    table = Table(title=f"{sum(counts.values()):,} points", title_justify="left")
+    table = Table(title=f"{sum(counts.values()):,} points{_events_told(dataset)}", title_justify="left")
     table.add_column("status")
     table.add_column("points", justify="right")
     table.add_column("what to do")
     for name, count in counts.items():
         table.add_row(name, f"{count:,}", meaning.get(name, "run the sweep again: it goes on where it stopped."))
     Console().print(table)
+
+
+def _events_told(dataset: "xr.Dataset") -> str:
+    """How many events the points had: where none had any, what was swept may never have struck."""
+    if "event_count" not in dataset:
+        return ""
+    found = dataset.event_count.values[dataset.status.values >= 0]
+    return f", of {found.min()} to {found.max()} events" if found.size else ""
