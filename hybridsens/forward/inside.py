@@ -156,18 +156,18 @@ def _look(step: StepEnds, resolution: Resolution) -> Inside:
     # What falls so little before the end of the solve fires at the end, and by the same root: left below zero, it would
     # be lost to a solve that goes on from here.
     on_guard |= (t1 >= resolution.stop) & (guard < 0) & (rate < 0) & ~early & finite & _may_fire(resolution)
-    t_root, root_before_stop = jnp.min(roots, initial=jnp.inf), jnp.any(early)
     cubic = (step.guard0, step.rate0 * h, jnp.where(rising, 0, guard), rate * h, rounded + resolution.noise)
-    split = jnp.min(tangents_meet_below(*cubic), initial=jnp.inf)
-    split = jnp.where(jnp.isinf(split) & hides_a_dip(*cubic), 0.5, split)
-    split = jnp.where(is_divisible(t0, h), split, jnp.inf)
-    split = jnp.where(finite, split, 0.5)
     falls = (rate < 0) & ~resolution.turns
     above = jnp.maximum(guard + resolution.noise, 0)
-    to_go = jnp.min(jnp.where(falls, above / jnp.where(falls, -rate, 1), jnp.inf), initial=jnp.inf)
+    times_to_go = jnp.where(falls, above / jnp.where(falls, -rate, 1), jnp.inf)
+    # Two reductions in place of eight: XLA works out anew, for each, all that it is made from.
+    t_root, split, to_go = jnp.min(jnp.stack([roots, tangents_meet_below(*cubic), times_to_go]), 1, initial=jnp.inf)
+    told = jnp.stack([early, hides_a_dip(*cubic), miss <= resolution.depth, on_guard & jumped, on_guard])
+    root_before_stop, hides, grazes, jumps, ends_there = jnp.any(told, 1)
+    split = jnp.where(jnp.isinf(split) & hides, 0.5, split)
+    split = jnp.where(is_divisible(t0, h), split, jnp.inf)
+    split = jnp.where(finite, split, 0.5)
     landed_on, since_zero = first_to_fall(on_guard, guard, jnp.where(jumped, -jnp.inf, rate))
-    grazes, jumps = jnp.any(miss <= resolution.depth), jnp.any(on_guard & jumped)
-    ends_there = jnp.any(on_guard)
     return Inside(t_root, root_before_stop, split, ends_there, landed_on, since_zero, to_go, grazes, finite, jumps)
 
 

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .tolerances import rounding
 
@@ -57,8 +57,8 @@ def hides_a_dip(
     g1: Float[Array, "guard"],
     d1: Float[Array, "guard"],
     noise: Float[Array, "guard"],
-) -> Array:
-    """Whether a step is so long for one of its guards that the cubic could be missing a dip below zero.
+) -> Bool[Array, "guard"]:
+    """Guards for which a step is so long that the cubic could be missing a dip below zero.
 
     The error control knows nothing of a guard that depends on time (free flight over a shaking table is exact at any
     step). What a guard's third derivative does over the step, |g1 - g0 - (d0 + d1) / 2|, must stay below the cubic
@@ -70,7 +70,7 @@ def hides_a_dip(
     rounded = rounding(g0.dtype) * (jnp.abs(g0) + jnp.abs(g1) + jnp.abs(d0) + jnp.abs(d1)) + noise
     # A guard that is just being left is small at first for a good reason: only its end can be compared.
     clearance = jnp.where(g0 <= rounded, g1, lowest / 2)
-    return jnp.any((bend > clearance) & (bend > rounded))
+    return (bend > clearance) & (bend > rounded)
 
 
 def inside_of_cubic(g0, d0, g1, d1) -> list[Float[Array, "guard"]]:
