@@ -53,6 +53,6 @@ def held_forces(
         in_place = before | ~closed | (acceleration.free + W @ force >= -acceleration.noise)
         chosen = lambda: gauss_selection(W, acceleration, closed).active
         active = lax.cond(jnp.all(pressed & in_place), lambda: before, chosen)
-        return active, jnp.maximum(acceleration.multiplier(W, active), 0)
+        return active, jnp.where(active, jnp.maximum(acceleration.multiplier(W, active), 0), 0)
 
     return lax.scan(forces_at, held_at_end, (rows, closed_contacts(scene, rows)))[1]

@@ -166,4 +166,3 @@ def test_a_jump_in_time_beside_declared_ones_is_told():
     _, motion = by_knots(1, throw=False)
     assert motion.status == hs.Status.flow_jumps
     assert_close(motion.doubt_time, jnp.array(0.3), 1e-5)
-    assert by_knots(2, throw=False)[1].status == hs.Status.flow_jumps

@@ -70,8 +70,9 @@ def step_loop(jaxpr):
 
 
 def shapes(jaxpr):
-    """Shapes of everything that a program computes."""
-    return {variable.aval.shape for equation in equations(jaxpr) for variable in equation.outvars}
+    """Shapes of all floating numbers that a program computes."""
+    computed = (variable.aval for equation in equations(jaxpr) for variable in equation.outvars)
+    return {aval.shape for aval in computed if jnp.issubdtype(aval.dtype, jnp.floating)}
 
 
 def body(loop):
