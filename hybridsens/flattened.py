@@ -174,9 +174,9 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def _after(self, event, t, x, mode: WatchedMode) -> Decision:
         """The transition's mode, which guards can fall then, and which scheduled times are to come."""
-        origin = EventDetail(event, mode.given)
+        detail = EventDetail(event, mode.given)
         if self.guard_count == 0 and self.scheduled_count is None:
-            return _decision(mode, origin, self._show(t, x, mode), jnp.array(False))
+            return _decision(mode, detail, self._show(t, x, mode), jnp.array(False))
         rises = self.is_silent(event, mode)  # then the state and the user's mode stay
         after, given = self._transition(event, t, x, mode.given)
         given = jax.tree.map(lambda new, old: jnp.where(rises, old, new), given, mode.given)
@@ -191,7 +191,7 @@ class FlattenedSystem(AbstractFlatSystem):
         watched = WatchedMode(given, watch, expected, self._next_time(shown.times, expected))
         # A time that falls together with a jump time has passed when the clock stands behind it: nothing has moved it.
         at_once = self.fires_at_once(event, mode) | jnp.any(came & (times < t - jump_window(t)))
-        decision = _decision(watched, origin, shown, self._moves_by_itself(t, x, mode), at_once, rises)
+        decision = _decision(watched, detail, shown, self._moves_by_itself(t, x, mode), at_once, rises)
         return dataclasses.replace(decision, status=Status.where(unclear, Status.reset_unclear, decision.status))
 
     def _transition(self, event, t, x, given):
@@ -202,8 +202,8 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def reset(self, decision: Decision, t, x):
         """x+ of the user's transition, z unchanged."""
-        origin: EventDetail = decision.detail
-        after, _ = self._transition(origin.event, t, x, origin.mode)
+        detail: EventDetail = decision.detail
+        after, _ = self._transition(detail.event, t, x, detail.mode)
         return lax.cond(decision.silent, lambda: x, lambda: after), ()
 
     def silent_room(self, max_events):
@@ -228,7 +228,7 @@ def _first(times, expected) -> Array:
 
 def _decision(
     watched: WatchedMode,
-    origin: EventDetail,
+    detail: EventDetail,
     shown: Shown,
     moves_by_itself: Array,
     at_once: Array | bool = False,
@@ -242,4 +242,4 @@ def _decision(
     status = Status.where(overflowed(watched.given), Status.queue_full, status)
     at_once, silent = jnp.asarray(at_once), jnp.asarray(silent)
     kind = jnp.array(0)
-    return Decision(watched, kind, origin, status=status, first_step_bound=never, at_once=at_once, silent=silent)
+    return Decision(watched, kind, detail, status=status, first_step_bound=never, at_once=at_once, silent=silent)

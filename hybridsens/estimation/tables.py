@@ -76,7 +76,7 @@ def _time_column(table: Mapping[str, Any], index_alone: bool) -> str:
         if near is not None and (unit := _IN_BRACKETS.search(near)):
             _check_unit_of_times(near, unit[1])
         name = near or "name"
-        if all(_is_number(name) for name in table):
+        if len(table) > 0 and all(_is_number(name) for name in table):
             raise ValueError(
                 f"The first line of the table must name its columns, but has numbers alone: {list(table)}. Put a line "
                 'such as "t,q0" before them.'

@@ -51,8 +51,12 @@ def held_forces(
         force = acceleration.multiplier(W, before)
         pressed = ~before | (force * W.diagonal() >= -acceleration.noise)
         in_place = before | ~closed | (acceleration.free + W @ force >= -acceleration.noise)
-        chosen = lambda: gauss_selection(W, acceleration, closed).active
-        active = lax.cond(jnp.all(pressed & in_place), lambda: before, chosen)
-        return active, jnp.where(active, jnp.maximum(acceleration.multiplier(W, active), 0), 0)
+
+        def chosen():
+            active = gauss_selection(W, acceleration, closed).active
+            return active, acceleration.multiplier(W, active)
+
+        active, force = lax.cond(jnp.all(pressed & in_place), lambda: (before, force), chosen)
+        return active, jnp.where(active, jnp.maximum(force, 0), 0)
 
     return lax.scan(forces_at, held_at_end, (rows, closed_contacts(scene, rows)))[1]
