@@ -7,8 +7,20 @@ import jax
 import jaxtyping
 import pytest
 
+HERE = Path(__file__).parent
+WALKS = ("xla/rewriting", "xla/reductions", "xla/scatters")
+"""Modules that are asked once for each equation of each trace: to check their arguments took a tenth of all time."""
+
+
+def _checked_modules() -> list[str]:
+    """Names of the package's modules but for the walks over traces."""
+    root = HERE.parent / "hybridsens"
+    names = (path.relative_to(root).with_suffix("").as_posix() for path in root.rglob("*.py"))
+    return ["hybridsens." + name.replace("/", ".") for name in names if not name.endswith("__init__") and name not in WALKS]
+
+
 # The annotations of every function are checked at each call. The hook must be there before the package is imported.
-jaxtyping.install_import_hook("hybridsens", "beartype.beartype")
+jaxtyping.install_import_hook(_checked_modules(), "beartype.beartype")
 
 import hybridsens  # noqa: E402
 
@@ -19,7 +31,6 @@ CORE = (
     "adjoint/test_jump", "test_layout", "accuracy/test_references", "test_scheduled",
 )  # fmt: skip
 """Files of the first look: laws of an instant, jumps, digits of the references, the front door, the layout."""
-HERE = Path(__file__).parent
 
 
 def pytest_collection_modifyitems(items):

@@ -13,6 +13,7 @@ import typer
 
 from ..configure import configure
 from ..outcome import SimulationError
+from ..validation.spelling import did_you_mean
 from .check import check
 from .compare import compare
 from .demo import demo
@@ -29,9 +30,12 @@ INTERRUPTED = 130
 
 app = typer.Typer(rich_markup_mode=None)
 
-# Every command, in the order in which `hybridsens --help` lists them.
-for command in (demo, scenes, check, compare, work_precision, fit, sweep):
-    name = command.__name__.replace("_", "-")
+COMMANDS = {
+    command.__name__.replace("_", "-"): command
+    for command in (demo, scenes, check, compare, work_precision, fit, sweep)
+}
+"""Every command, in the order in which `hybridsens --help` lists them."""
+for name, command in COMMANDS.items():
     app.command(name, short_help=SHORT[name], epilog=epilog(name))(command)
 
 
@@ -56,11 +60,21 @@ def run(arguments: list[str] | None = None) -> int:
     """Run a command line; an error that the user can mend is one line on the error stream. Returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
+        _must_be_known(arguments)
         return app(arguments or ["--help"], prog_name="hybridsens", standalone_mode=False) or 0
     except (typer.TyperException, SimulationError, ValueError, OSError, ImportError) as error:
         message = getattr(error, "format_message", error.__str__)()
         print(f"hybridsens: {' '.join(message.split())}", file=sys.stderr)
         return getattr(error, "exit_code", 1 if isinstance(error, SimulationError) else MISTAKE)
+
+
+def _must_be_known(arguments: list[str]) -> None:
+    """Raises: typer.BadParameter for a first word that is no command; what begins with a dash is an option."""
+    name = arguments[0] if arguments else "--help"
+    if not name.startswith("-") and name not in COMMANDS:
+        raise typer.BadParameter(
+            f"there is no command {name!r}; choose {', '.join(COMMANDS)}.{did_you_mean(name, COMMANDS)}"
+        )
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import inspect
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -77,10 +78,10 @@ def startable(name: str) -> Any:
     return found
 
 
-def runnable(name: str) -> Any:
-    """A model that says by itself where it starts, how long it runs and what it costs."""
+def runnable(name: str, given: Collection[str] = ()) -> Any:
+    """A model that says by itself where it starts, how long it runs and what it costs, but for what options give."""
     found = model(name)
-    missing = what_is_missing(found)
+    missing = [needed for needed in what_is_missing(found) if needed not in given]
     if missing:
         raise typer.BadParameter(
             f"{name} must have {', '.join(missing)}: derive it from hybridsens.scenes.ShippedScene or "

@@ -69,7 +69,7 @@ def sweep(
     from ..sweeps import sweep as run_sweep
 
     _use_all_cores()
-    nominal = runnable(scene)
+    nominal = runnable(scene, given=() if t1 is None else ("t1",))
     chosen = _design(nominal, vary, design, points, seed)
     if plot is not None:
         _check_map(chosen)

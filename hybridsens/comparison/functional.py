@@ -63,8 +63,10 @@ def running_cost_functional(scene, simulate):
 def ready_made_motion(scene: Any, simulate, **settings):
     """The motion of a ready-made scene or system, with its running cost; `settings` replace its own."""
     start = (scene.initial_state(), *_mode(scene))
-    running_cost = lambda scene, *instant: scene.running_cost(*instant)
-    return simulate(scene, *start, **(dict(t1=scene.t1, running_cost=running_cost) | settings))
+    settings.setdefault("running_cost", lambda scene, *instant: scene.running_cost(*instant))
+    if "t1" not in settings:
+        settings["t1"] = scene.t1
+    return simulate(scene, *start, **settings)
 
 
 def _mode(scene: Any) -> tuple:

@@ -65,6 +65,7 @@ def test_a_segment_may_end_elsewhere_by_rounding_alone(gradients, monkeypatch, s
         assert jnp.all(jnp.isnan(again[:3]))  # that by t1 needs no segment
 
 
+@pytest.mark.slow
 def test_a_motion_that_ran_out_of_steps_is_recomputed_up_to_there():
     """The gradient is that of the state where it stopped; it was nan by one of the two ways."""
     cut = lambda adjoint: jax.jit(jax.value_and_grad(lambda p: final_height(p, adjoint, max_steps=18), has_aux=True))(P)

@@ -174,7 +174,12 @@ def test_the_console_script_configures_jax_and_passes_its_status_on():
 
 def test_the_module_runs_as_the_console_script():
     ended = subprocess.run([sys.executable, "-m", "hybridsens", "nothing"], capture_output=True, text=True, check=False)
-    assert ended.returncode == 2 and "hybridsens: No such command 'nothing'" in ended.stderr
+    assert ended.returncode == 2 and "there is no command 'nothing'; choose demo, scenes," in ended.stderr
+
+
+def test_a_command_that_is_misspelt_is_told_the_nearest(capsys):
+    assert run(["sweeep"]) == 2
+    assert capsys.readouterr().err.endswith("Did you mean 'sweep'?\n")
 
 
 def test_the_same_settings_may_be_made_twice():

@@ -15,7 +15,9 @@ import typer
 import hybridsens as hs
 from hybridsens.cli.help_texts import EXAMPLES, SHORT
 from hybridsens.cli.main import app, run
+from hybridsens.cli.models import runnable
 from hybridsens.comparison.compare import Reference
+from hybridsens.comparison.functional import ready_made_motion
 from hybridsens.comparison.work_precision_points import write_points
 from hybridsens.scenes import SCENES
 from hybridsens.systems import SYSTEMS
@@ -158,3 +160,17 @@ def test_the_command_removes_no_file_but_the_points_of_a_study_before(tmp_path, 
     points.write_text("t,q\n")
     assert run(asked) == 2 and points.read_text() == "t,q\n"
     assert "holds no points of a study" in capsys.readouterr().err
+
+
+def test_an_end_that_an_option_gives_need_not_be_the_scenes_own(tmp_path):
+    """`sweep --t1` of a class without `t1`. The motion is only asked for here."""
+    file = tmp_path / "own.py"
+    file.write_text(
+        "import hybridsens as hs\n\nclass Own(hs.AbstractScene):\n"
+        "    mass_matrix = force = gap = restitution = running_cost = lambda *given: 0.0\n"
+        "    initial_state = lambda self: None\n"
+    )
+    with pytest.raises(typer.BadParameter, match="must have t1: derive it"):
+        runnable(f"{file}:Own")
+    asked = ready_made_motion(runnable(f"{file}:Own", given=["t1"]), lambda scene, start, **settings: settings, t1=3.0)
+    assert asked["t1"] == 3.0 and callable(asked["running_cost"])

@@ -69,6 +69,7 @@ def test_hops_that_are_small_beside_a_far_wall_are_flights():
     assert int(motion.events.count) == 1 and not np.any(hs.contact_forces(scene, motion)[1])
 
 
+@pytest.mark.slow
 def test_feet_of_a_block_carry_its_weight_together():
     """At rest from the start, where every gap is rounding. Three of four feet are independent: those that the motion
     holds, also where one of them carries nothing."""

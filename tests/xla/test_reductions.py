@@ -43,41 +43,65 @@ def reductions(function, x) -> bool:
     return any(word in trace for word in ("reduce_", "argmax", "argmin", "dot_general"))
 
 
-@pytest.mark.parametrize("name", REDUCTIONS)
+def together(functions):
+    """All of them as they are, and all of them rewritten: name -> what it returns, by two programs in place of many."""
+    plain = jax.jit(lambda *x: {name: function(*x) for name, function in functions.items()})
+    changed = jax.jit(lambda *x: {name: rewritten(function)(*x) for name, function in functions.items()})
+    return plain, changed
+
+
+def assert_same(found, right, **tolerance):
+    for name in right:
+        assert found[name].dtype == right[name].dtype, name
+        np.testing.assert_allclose(found[name], right[name], err_msg=name, **tolerance)
+
+
 @pytest.mark.parametrize("given", GIVEN)
-def test_written_out_a_reduction_is_the_same(name, given):
-    x, function = jnp.array(GIVEN[given]), REDUCTIONS[name]
-    assert reductions(function, x)
-    assert not reductions(rewritten(function), x)
-    found, right = jax.jit(rewritten(function))(x), jax.jit(function)(x)
-    assert found.dtype == right.dtype
-    np.testing.assert_allclose(found, right, rtol=1e-15)
+def test_written_out_a_reduction_is_the_same(given):
+    x = jnp.array(GIVEN[given])
+    for function in REDUCTIONS.values():
+        assert reductions(function, x)
+        assert not reductions(rewritten(function), x)
+    plain, changed = together(REDUCTIONS)
+    assert_same(changed(x), plain(x), rtol=1e-15)
 
 
-OF_ONE_NUMBER = set(REDUCTIONS) - {"rows", "columns", "where in each row", "in a batch"}
+SEVERAL = {"rows", "columns", "where in each row", "in a batch"}
+OF_ONE_NUMBER = {name: function for name, function in REDUCTIONS.items() if name not in SEVERAL}
 
 
-@pytest.mark.parametrize("name", sorted(OF_ONE_NUMBER))
 @pytest.mark.parametrize("size", [5, 8])
-def test_more_numbers_are_written_out_where_one_is_made_of_them(name, size):
-    x, function = jnp.linspace(-1.3, 2.1, size), REDUCTIONS[name]
-    assert reductions(function, x)
-    assert not reductions(rewritten(function), x)
-    np.testing.assert_allclose(jax.jit(rewritten(function))(x), jax.jit(function)(x), rtol=1e-14, atol=1e-15)
+def test_more_numbers_are_written_out_where_one_is_made_of_them(size):
+    x = jnp.linspace(-1.3, 2.1, size)
+    for function in OF_ONE_NUMBER.values():
+        assert reductions(function, x)
+        assert not reductions(rewritten(function), x)
+    plain, changed = together(OF_ONE_NUMBER)
+    assert_same(changed(x), plain(x), rtol=1e-14, atol=1e-15)
+
+
+SEARCHES = {
+    "largest": jnp.argmax,
+    "smallest": jnp.argmin,
+    "true": lambda x: jnp.argmax(x > 0),
+    "false": lambda x: jnp.argmin(x > 9),
+}
+
+
+@pytest.fixture(scope="module")
+def searches():
+    """Of one row, and of each of several."""
+    return together(SEARCHES), together({name: jax.vmap(search) for name, search in SEARCHES.items()})
 
 
 @pytest.mark.parametrize("given", [*GIVEN.values(), [-np.nan], [np.inf], [-np.inf]])
-@pytest.mark.parametrize("search", [jnp.argmax, jnp.argmin, lambda x: jnp.argmax(x > 0), lambda x: jnp.argmin(x > 9)])
-def test_among_many_numbers_the_same_one_is_found(search, given):
+def test_among_many_numbers_the_same_one_is_found(given, searches):
     """By two plain reductions: also the first of several alike, and what is no number before all others."""
     x = jnp.resize(jnp.array(given), 40)
-    one, rows = search, jax.vmap(search)
     table = jnp.stack([x, x[::-1], jnp.zeros(40)])
-    for function, argument in ((one, x), (rows, table)):
-        assert "arg" not in str(jax.make_jaxpr(rewritten(function))(argument))
-        found, right = jax.jit(rewritten(function))(argument), jax.jit(function)(argument)
-        assert found.dtype == right.dtype
-        np.testing.assert_array_equal(found, right)
+    for (plain, changed), argument in zip(searches, (x, table), strict=True):
+        assert "arg" not in str(jax.make_jaxpr(changed)(argument)).replace("jaxpr", "")
+        assert_same(changed(argument), plain(argument), rtol=0)
 
 
 @pytest.mark.parametrize("name", ["sum", "largest", "product of vectors", "norm", "rows", "in a loop"])
@@ -137,29 +161,27 @@ def numbers(size: int):
     return jnp.asarray(np.random.default_rng(size).normal(size=size))
 
 
-@pytest.mark.parametrize("name", REDUCTIONS)
 @pytest.mark.parametrize("size", [32, 37, 1005])
-def test_cut_a_reduction_is_the_same(name, size):
-    x, function = numbers(size), REDUCTIONS[name]
-    assert "reduce-window" not in program(rewritten(function), x)
-    found, right = jax.jit(rewritten(function))(x), jax.jit(function)(x)
-    assert found.dtype == right.dtype
-    np.testing.assert_allclose(found, right, rtol=1e-13, atol=1e-13)
+def test_cut_a_reduction_is_the_same(size):
+    x, (plain, changed) = numbers(size), together(REDUCTIONS)
+    assert "reduce-window" not in program(changed, x)
+    assert_same(changed(x), plain(x), rtol=1e-13, atol=1e-13)
 
 
-@pytest.mark.parametrize("search", ["largest", "smallest", "where the largest is", "where the smallest is", "sum"])
-@pytest.mark.parametrize(("size", "place"), [(37, 0), (37, 30), (37, 36), (1005, 126), (1005, 1004)])
-def test_what_is_no_number_is_found_wherever_it_stands(search, size, place):
-    x = numbers(size).at[place].set(jnp.nan)
-    np.testing.assert_array_equal(jax.jit(rewritten(REDUCTIONS[search]))(x), REDUCTIONS[search](x))
+@pytest.mark.parametrize(("size", "places"), [(37, (0, 30, 36)), (1005, (126, 1004))])
+def test_what_is_no_number_is_found_wherever_it_stands(size, places):
+    names = ["largest", "smallest", "where the largest is", "where the smallest is", "sum"]
+    plain, changed = together({name: REDUCTIONS[name] for name in names})
+    for place in places:
+        x = numbers(size).at[place].set(jnp.nan)
+        assert_same(changed(x), plain(x), rtol=0)
 
 
-@pytest.mark.parametrize("name", SUMS)
 @pytest.mark.parametrize("size", [1, 37, 64])
-def test_a_running_sum_is_the_same(name, size):
-    x, function = numbers(size), SUMS[name]
-    assert "reduce-window" not in program(rewritten(function), x)
-    np.testing.assert_allclose(jax.jit(rewritten(function))(x), function(x), rtol=1e-13, atol=1e-13)
+def test_a_running_sum_is_the_same(size):
+    x, (plain, changed) = numbers(size), together(SUMS)
+    assert "reduce-window" not in program(changed, x)
+    assert_same(changed(x), plain(x), rtol=1e-13, atol=1e-13)
 
 
 @pytest.mark.parametrize("function", [SUMS["running"], SUMS["from the end"], *map(REDUCTIONS.get, ("sum", "norm"))])
