@@ -15,8 +15,9 @@ WALKS = ("xla/rewriting", "xla/reductions", "xla/scatters")
 def _checked_modules() -> list[str]:
     """Names of the package's modules but for the walks over traces."""
     root = HERE.parent / "hybridsens"
-    names = (path.relative_to(root).with_suffix("").as_posix() for path in root.rglob("*.py"))
-    return ["hybridsens." + name.replace("/", ".") for name in names if not name.endswith("__init__") and name not in WALKS]
+    files = (path for path in root.rglob("*.py") if path.stem != "__init__")
+    names = {path.relative_to(root).with_suffix("").as_posix() for path in files} - set(WALKS)
+    return ["hybridsens." + name.replace("/", ".") for name in sorted(names)]
 
 
 # The annotations of every function are checked at each call. The hook must be there before the package is imported.
