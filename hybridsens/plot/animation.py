@@ -33,7 +33,9 @@ class Animation:
         path = Path(path)
         if path.suffix not in {".gif", ".html"}:
             raise ValueError(f"`path` must end in .gif or .html, but is {path.name}.")
-        pace: Any = self.frames_per_second  # Matplotlib declares a whole number, and takes any
+        # Matplotlib declares a whole number, and takes any. What rounding makes a little less than a hundredth of a
+        # second would be cut down to the one before.
+        pace: Any = self.frames_per_second * (1 - 1e-9)
         if path.suffix == ".gif":
             self.moving.save(path, writer=PillowWriter(fps=pace))
         else:
@@ -67,7 +69,9 @@ def animate(
     - `draw`: `draw(q)` or, for what moves by itself, `draw(q, t)` returns the outlines of all bodies at one instant, a
       list of as many at each: arrays (point, 2) in metres, closed ones with their first point again at the end, such as
       `hybridsens.planar.circle(...)`. An argument behind these needs a default. Default: the scene's own method `draw`.
-    - `frames_per_second`, `speed`: of the picture; speed 0.5 shows the motion at half its pace.
+    - `frames_per_second`, `speed`: of the picture; speed 0.5 shows the motion at half its pace. A GIF counts in
+      hundredths of a second, and is shown slowly where a frame lasts but one: a frame takes the nearest whole number
+      of them from 2 on.
     - `size`: of the picture, in inches.
 
     Each frame shows the sample that is nearest to its time. A motion that broke off is shown as far as it came.
@@ -79,6 +83,7 @@ def animate(
     for name, value in (("frames_per_second", frames_per_second), ("speed", speed)):
         if not 0 < value < np.inf:
             raise ValueError(f"`{name}` must be a positive number, but is {value!r}.")
+    frames_per_second = 100 / max(round(100 / frames_per_second), 2)
     count = int(np.ceil((ts[-1] - ts[0]) / speed * frames_per_second)) + 1
     if count > MOST_FRAMES:
         raise ValueError(f"An animation has {MOST_FRAMES} frames at most, but this one has {count}: raise `speed`.")

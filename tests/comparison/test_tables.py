@@ -7,6 +7,7 @@ from hybridsens.comparison.check_doubts import Cause, ParameterCheck
 from hybridsens.comparison.check_events import EventCheck
 from hybridsens.comparison.check_report import GradientCheck
 from hybridsens.comparison.compare_table import Comparison, Reference, Row
+from hybridsens.comparison.work_precision_points import Point, WorkPrecision
 from hybridsens.mechanics.mode import EventKind
 
 SLOPE = -2.12345678912e-05
@@ -68,3 +69,11 @@ def test_what_is_said_of_a_row_stands_in_it_or_below():
     text = " ".join(str(check(SHORT)).split())
     assert "differences disagree" in text and "determinant disagrees" in text and "declare it by `jump_ts=`" in text
     assert " ".join(WHY.split()) in " ".join(str(comparison(SHORT)).split())
+
+
+def test_of_points_that_a_clock_does_not_tell_apart_the_most_accurate_is_recommended():
+    """And not one that is twice as accurate and takes half as long again."""
+    point = lambda seconds, error: Point("Tsit5", "Replay()", "float64", error, error, error, seconds)
+    points = point(1.0, 1e-7), point(1.05, 1e-9), point(1.5, 5e-10), point(0.5, 1e-3)
+    assert WorkPrecision(points).recommend(1e-6) == points[1]
+    assert WorkPrecision(points).recommend(1e-2) == points[3]

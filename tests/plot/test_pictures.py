@@ -158,6 +158,18 @@ def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):
         hs.animate(NamedBall(), motion, speed=0.01)
 
 
+@pytest.mark.parametrize(("asked", "milliseconds"), [(10, 100), (15, 70), (33, 30), (200, 20)])
+def test_a_gif_keeps_the_pace_of_the_motion(asked, milliseconds, motion, tmp_path):
+    """Its frames last whole hundredths of a second, two at least; frames of other lengths were shown by those of the
+    next shorter one, a fifth too fast."""
+    moving = hs.animate(NamedBall(), motion, frames_per_second=asked, size=(1.0, 1.0))
+    moving.save(tmp_path / "ball.gif")
+    with Image.open(tmp_path / "ball.gif") as gif:
+        shown = sum(gif.info["duration"] for k in range(gif.n_frames) if gif.seek(k) is None)  # alike ones are joined
+    assert shown == milliseconds * moving.frames
+    assert 0 <= (moving.frames - 1) * milliseconds - 1000 * np.ptp(motion.ts) < milliseconds
+
+
 @pytest.mark.parametrize(("ts", "frames"), [([0.0, 0.2, 0.4, 1.2, 1.4], 3), ([0.0, 1.2], 1)])
 def test_a_motion_that_broke_off_is_shown_as_far_as_it_came(ts, frames, tmp_path):
     """It ends at its second impact, at 1.17: the last frame is of the last sample before, be it the first one."""
