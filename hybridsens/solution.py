@@ -138,6 +138,8 @@ class Solution(eqx.Module):
             yield f"cost: {as_text(self.cost)}"
         for guard in self._below_from_the_start():
             yield f"guard {self.events.name(guard)} has been below 0 from the start: it waits until it rises"
+        for guard in self._only_rose():
+            yield f"guard {self.events.name(guard)} rose above 0, and an event is where a guard falls: is its sign right?"
 
     def _below_from_the_start(self) -> list[int]:
         """Guards that wait and have had no event, so that none can have taken them below 0."""
@@ -145,6 +147,13 @@ class Solution(eqx.Module):
             return []
         fell = np.asarray(self.events.guard)
         return [guard for guard in np.flatnonzero(self.waiting).tolist() if guard not in fell]
+
+    def _only_rose(self) -> list[int]:
+        """Guards that began below 0, do not wait and have had no event, where nothing else happened."""
+        if self.again is None or int(self.events.count) > 0:
+            return []
+        began = np.asarray(self.again.initial_guards())
+        return [guard for guard in np.flatnonzero(began < 0).tolist() if not self.waiting[guard]]
 
 
 def last_events(solution: Solution, shown: int = 3) -> str:

@@ -165,6 +165,11 @@ class Call(eqx.Module):
         """The mode in which the motion begins."""
         return self._given()["mode"]
 
+    def initial_guards(self) -> Any:
+        """The guards where the motion begins."""
+        given = self._given()
+        return given["system"].guards(given["t0"], given["x0"], given["mode"])
+
     def _given(self) -> dict[str, Any]:
         leaves = [fixed if array is None else array for array, fixed in zip(self.arrays, self.rest, strict=True)]
         return self.tree.unflatten(leaves)

@@ -113,10 +113,13 @@ class Rising(hs.AbstractHybridSystem):
 
 
 def test_a_guard_that_is_below_0_from_the_start_on_is_told_when_the_motion_is_printed():
-    """It waits until it rises. One that an event took below 0, or that has risen, is no news."""
+    """It waits until it rises. One that an event took below 0, or that has risen beside other events, is no news. One
+    that rose, and nothing else happened, may have the wrong sign."""
     moved = jax.jit(lambda rate, x0: hs.solve(Rising(rate), x0, t1=3.0, max_events=4))
     told = lambda rate, x0: [line for line in str(moved(rate, x0)).splitlines() if "below 0" in line]
     assert told(1.0, -1.0) == []
     assert told(1.0, 0.5) == []
     assert told(0.1, -1.0) == ["guard 1 has been below 0 from the start: it waits until it rises"]
+    rose = str(moved(0.4, -1.0)).splitlines()[2]
+    assert rose == "guard 1 rose above 0, and an event is where a guard falls: is its sign right?"
     assert moved(1.0, 0.5).waiting.tolist() == [True, False]
