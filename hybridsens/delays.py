@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 
@@ -41,10 +42,14 @@ class DelayQueue(eqx.Module):
         return jnp.where(self.taken, due, jnp.inf)
 
     def put(self, due: Float[Array, "place"], time) -> tuple[Float[Array, "place"], "DelayQueue"]:
-        """The times and the queue with one more event, which comes at `time`."""
-        place = jnp.argmin(self.taken)
-        queue = DelayQueue(self.taken.at[place].set(True), self.full | self.taken[place])
-        return due.at[place].set(time), queue
+        """The times and the queue with one more event, which comes at `time`; never, and without a place, at inf."""
+        place, comes = jnp.argmin(self.taken), jnp.asarray(time) != jnp.inf
+        queue = DelayQueue(self.taken.at[place].max(comes), self.full | (self.taken[place] & comes))
+        # A number that stays the same has come. One put where another was taken at this instant must differ from it.
+        before = lax.stop_gradient(due[place])
+        step = jnp.maximum(jnp.nextafter(before, jnp.inf) - before, jnp.finfo(due.dtype).tiny)
+        time = time + jnp.where(before == time, step, 0)
+        return due.at[place].set(jnp.where(comes, time, due[place])), queue
 
     def take(self, place: Int[Array, ""]) -> "DelayQueue":
         """The queue after the event at `place` has come."""

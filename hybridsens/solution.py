@@ -139,7 +139,8 @@ class Solution(eqx.Module):
         for guard in self._below_from_the_start():
             yield f"guard {self.events.name(guard)} has been below 0 from the start: it waits until it rises"
         for guard in self._only_rose():
-            yield f"guard {self.events.name(guard)} rose above 0, and an event is where a guard falls: is its sign right?"
+            name = self.events.name(guard)
+            yield f"guard {name} rose above 0, and an event is where a guard falls: is its sign right?"
 
     def _below_from_the_start(self) -> list[int]:
         """Guards that wait and have had no event, so that none can have taken them below 0."""

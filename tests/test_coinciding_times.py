@@ -1,4 +1,5 @@
-"""Known times that fall together: a dose and a jump of the flow, two ticks of a clock. Against closed forms."""
+"""Known times that fall together: a dose and a jump of the flow, two ticks of a clock, a delay of nothing. Against closed
+forms."""
 
 import jax
 import jax.numpy as jnp
@@ -120,3 +121,59 @@ def test_a_tick_that_is_moved_into_the_past_comes_at_once():
     assert_close(ticked(at), jnp.sum(each), 1e-8)
     moves_with = jnp.array([DECAY * each[0], DECAY * (each[1] + each[2]), 0.0, DECAY * each[3]])
     assert_close(jax.grad(ticked)(at), moves_with, 1e-7)
+
+
+class Relay(hs.AbstractHybridSystem):
+    """y' = -y grows by 1 with each arrival of a signal, which is passed on three times, after `delays`."""
+
+    delays: jax.Array
+    first: jax.Array
+
+    def flow(self, t, x, mode):
+        return {"y": -x["y"], "due": jnp.zeros_like(x["due"])}
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def scheduled_times(self, x, mode):
+        return jnp.concatenate([self.first[None], mode["queue"].times(x["due"])])
+
+    def transition(self, event, t, x, mode):
+        choose = lambda first, one, other: jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
+        arrived = choose(event == 0, mode["queue"], mode["queue"].take(event - 1))
+        due, sent = arrived.put(x["due"], t + self.delays[jnp.minimum(mode["sent"], 2)])
+        more = mode["sent"] < 3
+        y = x["y"] + jnp.where(event == 0, 0.0, 1.0)
+        return {"y": y, "due": jnp.where(more, due, x["due"])}, {
+            "sent": mode["sent"] + 1,
+            "queue": choose(more, sent, arrived),
+        }
+
+
+@jax.jit
+def passed_on(delays, first):
+    """The motion, and the derivatives of y(2) by the delays."""
+
+    def end(delays):
+        start, mode = {"y": 0.0, "due": jnp.zeros(1)}, {"sent": 0, "queue": hs.DelayQueue.empty(1)}
+        motion = hs.solve(Relay(delays, first), start, mode, t1=2.0, max_events=8, throw=False)
+        return motion.final["y"], motion
+
+    slope, motion = jax.grad(end, has_aux=True)(delays)
+    return motion, slope
+
+
+@pytest.mark.parametrize("first", [0.0, 0.37, 1.0])
+@pytest.mark.parametrize(
+    "delays",
+    [(0.2, 0.3, 0.1), (0.2, 1e-12, 0.0), (0.2, 0.0, 0.3), (0.0, 0.0, 0.0), (0.5, 1e-17, 0.1), (0.1, jnp.inf, 0.0)],
+)
+def test_what_is_passed_on_at_once_comes_too(delays, first):
+    """Without a delay a time is put where the same one was taken, and none may be lost; one of inf ends the relay."""
+    motion, slope = passed_on(jnp.array(delays), jnp.array(first))
+    arrivals = first + jnp.cumsum(jnp.array(delays))
+    left = jnp.where(arrivals < 2, jnp.exp(arrivals - 2), 0.0)
+    assert motion.status == hs.Status.successful
+    assert int(motion.events.count) == 1 + int(jnp.sum(arrivals < 2)) and not bool(motion.mode["queue"].taken.any())
+    assert_close(motion.final["y"], left.sum(), 1e-7)
+    assert_close(slope, jnp.cumsum(left[::-1])[::-1], 1e-7)

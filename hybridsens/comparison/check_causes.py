@@ -11,7 +11,7 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.smoothness import REMEDIES
 from ..mechanics.trajectory import Events
 from ..status import Status
-from .check_doubts import UNDECIDED, Cause, Doubts, ParameterCheck
+from .check_doubts import ONE_SIDED, UNDECIDED, Cause, Doubts, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck
 from .check_finite import without_derivative
 from .check_grazing import grazes
@@ -47,8 +47,10 @@ def find_causes(
     causes = [_step_control(steps)] if steps else []
     if any(doubts):
         others = [cause for n, call in enumerate(calls) for cause in _of_motion(doubts, n, call, settings)]
-        undecided = all(entry.verdict.startswith(UNDECIDED) for entry in parameters if entry.verdict)
-        causes += others or _elsewhere(doubts, resolved, undecided)
+        doubted = [entry.verdict for entry in parameters if entry.verdict]
+        if not others and doubted and all(verdict.startswith(ONE_SIDED) for verdict in doubted):
+            others = [_one_sided(doubts)]
+        causes += others or _elsewhere(doubts, resolved, all(verdict.startswith(UNDECIDED) for verdict in doubted))
     return tuple(causes)
 
 
@@ -197,6 +199,14 @@ def _grazing(doubts: Doubts, number: int, call: Call, settings) -> Cause | None:
     reason = f"near grazing: {told}. Sensitivities grow like 1 / closing speed, and the event comes and goes"
     remedy = "move the parameters away from grazing, or trust the gradient only for changes smaller than its distance"
     return doubts.cause("grazing", reason, remedy, _those_with(doubts, rows))
+
+
+def _one_sided(doubts: Doubts) -> Cause:
+    reason = (
+        "from this very point on other events happen on one side, as where one comes at an end of the horizon, two "
+        "come at one instant, or one is touched: a derivative holds on the other side alone"
+    )
+    return doubts.cause("changed sequence", reason, "move the parameters off this point, or leave this motion out")
 
 
 def _untested(doubts: Doubts) -> Cause:

@@ -8,6 +8,9 @@ from .check_events import EventCheck
 UNDECIDED = "not decided"
 """How a verdict begins that no test could make."""
 
+ONE_SIDED = "one-sided"
+"""How that of a derivative begins that holds on one side alone."""
+
 
 class ParameterCheck(NamedTuple):
     """One entry of the gradient by three methods."""
@@ -22,7 +25,8 @@ class ParameterCheck(NamedTuple):
     reference: float
     """By another solver, with the derivative resolved much better; nan where that takes too many steps."""
     verdict: str
-    """Empty where all agree; begins with `UNDECIDED` where that cannot be told."""
+    """Empty where all agree; begins with `UNDECIDED` where that cannot be told, with `ONE_SIDED` where it holds on one
+    side alone."""
 
 
 class Cause(NamedTuple):
@@ -30,8 +34,8 @@ class Cause(NamedTuple):
 
     kind: str
     """"no derivative", "step control", "motion", "discontinuity", "grazing", "simultaneous impacts",
-    "event at a data time", "event at a jump time", "jump time at an end", "other events", "undecided" or
-    "unexplained"."""
+    "event at a data time", "event at a jump time", "jump time at an end", "changed sequence", "other events",
+    "undecided" or "unexplained"."""
     parameters: tuple[str, ...]
     """In which parameters it is to be looked for."""
     events: tuple[str, ...]

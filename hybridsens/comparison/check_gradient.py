@@ -20,6 +20,7 @@ from .check_doubts import UNDECIDED, ParameterCheck
 from .check_events import check_events
 from .check_motions import Call, largest_state, on_sequence, value_with_calls
 from .check_report import GradientCheck
+from .check_sides import one_sided, other_side
 from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby
 from .functional import Cost, all_reached_end, choose_cost, raise_unless_reached_end
 from .gradient_methods import gradient_by
@@ -42,9 +43,11 @@ def check_gradient(
        points have the same sequence of events.
     3. Both against a reference, to `tolerance`: another solver with tighter tolerances, and steps that resolve the
        derivative much better: steps that are too long for it spoil differences in the same way as gradients.
-    4. The same for every event by itself, on the piece of motion from half way after the last event to half way before
-       the next; and there the determinant of the state's variation, which is known: e^2 at an impact (0 with a held
-       contact) times exp(int tr f_x dt). For motions of a scene.
+    4. Both sides of the point, where other events happen on one of them from the very point on, as where an event comes
+       at `t1`: J must not jump there, nor have another derivative on that side.
+    5. The same as in 1 and 2 for every event by itself, on the piece of motion from half way after the last event to
+       half way before the next; and there the determinant of the state's variation, which is known: e^2 at an impact
+       (0 with a held contact) times exp(int tr f_x dt). For motions of a scene.
 
     A deviation is measured by the largest of three: the entry; 1e-3 of the largest entry, each times its parameter; the
     slope that J has nearby. So a wrong entry passes if it is below `tolerance` times the other two.
@@ -96,6 +99,12 @@ def _check(
     for name, found_by, limit, noise in zip(parameters.names, slopes, limits, rounding, strict=True):
         entry = ParameterCheck(name, *found_by, verdict="")
         checks.append(entry._replace(verdict=_verdict(entry, limit, noise)))
+    tell("looking at both sides")
+    least_jump = (tolerance * size * scale + ROUNDING_OF_J * largest).tolist()
+    for i, (entry, limit) in enumerate(zip(checks, limits, strict=True)):
+        if not entry.verdict:
+            side = other_side(value, float(J), calls, np.asarray(parameters.vector), (i, float(scale[i])))
+            checks[i] = entry._replace(verdict=one_sided(side, entry.adjoint, limit, least_jump[i]))
     tell("checking each event")
     knows_contacts = lambda call: isinstance(call.scene, AbstractScene) and not has_switches(call.scene)
     mechanical = [(number, call) for number, call in enumerate(calls) if knows_contacts(call)]
@@ -159,6 +168,8 @@ def _size(adjoint, forward, scale, nearby):
     return np.fmax.reduce([np.abs(adjoint), np.abs(forward), 1e-3 * largest / scale, nearby])
 
 
+ROUNDING_OF_J = 1e-9
+"""Two motions that differ by an event alone have the same J but for this part of the largest number in them."""
 ALIKE = 1e-2
 """The two exact methods may differ by this part of the tolerance: each resolves its steps to tolerances that know
 nothing of the size of a cost."""

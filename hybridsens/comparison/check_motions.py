@@ -87,14 +87,18 @@ def largest_state(calls: tuple[Call, ...]) -> float:
 def on_sequence(value: Callable, nominal: tuple[Call, ...]) -> Callable:
     """J where the motions have the nominal sequence of events, nan where they do not."""
 
-    def same(call: Call, known: Call) -> bool:
-        return bool(call.status == Status.successful) and all(map(np.array_equal, _which(call), _which(known)))
+    same = lambda call, known: bool(call.status == Status.successful) and same_sequence(call, known)
 
     def restricted(vector):
         J, calls = value(jnp.asarray(vector))
         return float(J) if all(map(same, calls, nominal)) else np.nan
 
     return restricted
+
+
+def same_sequence(call: Call, known: Call) -> bool:
+    """Whether the same events happened in both, in the same order."""
+    return all(map(np.array_equal, _which(call), _which(known)))
 
 
 def _which(call: Call) -> tuple:
