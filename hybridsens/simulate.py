@@ -39,6 +39,7 @@ from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.direction import forward_only, reverse_only
 from .validation.numbers import told_of_constants
+from .validation.same_function import same_function
 from .waiting import waiting
 
 
@@ -113,7 +114,7 @@ def simulate(
     cannot be exported by `jax.export` (NotImplementedError): use `throw=False` or "nan" there. `jax.shard_map` needs
     `check_vma=False`, and a batch that is placed on several devices a mesh with automatic axes.
     """
-    written = scene
+    written, running_cost = scene, same_function(running_cost)
     again = functools.partial(  # the same call for other `ts`
         simulate, scene, state, mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
         rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step,

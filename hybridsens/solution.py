@@ -11,7 +11,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from .export.datasets import must_be_one, with_structure, write_netcdf
+from .export.datasets import ONE_OF_A_BATCH, must_be_one, with_structure, write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.text import preformatted, rows_shown
 from .export.trees import as_text
@@ -127,7 +127,7 @@ class Solution(eqx.Module):
         if isinstance(self.events.count, jax.core.Tracer):
             return "Solution(traced)"
         if np.ndim(self.events.count) > 0:
-            return f"Solution(batch of {np.shape(self.events.count)}; index it to see one)"
+            return f"Solution(batch of {np.shape(self.events.count)}; one: {ONE_OF_A_BATCH})"
         return "\n".join([*self._head(), *_table(self.events), f"final: {as_text(self.final)}"])
 
     def _head(self):

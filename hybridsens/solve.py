@@ -33,6 +33,7 @@ from .validation.asked import kind_of
 from .validation.direction import forward_only, reverse_only
 from .validation.not_finite import not_finite_among
 from .validation.numbers import told_of_constants
+from .validation.same_function import same_function
 from .waiting import waiting
 
 
@@ -90,7 +91,7 @@ def solve(
     if not isinstance(system, AbstractHybridSystem):
         elsewhere = ", a scene: use hybridsens.simulate" if hasattr(system, "mass_matrix") else ""
         raise TypeError(f"`system` must be a hybridsens.AbstractHybridSystem, but is {kind_of(system)}{elsewhere}.")
-    system = told_of_constants(system)
+    system, running_cost = told_of_constants(system), same_function(running_cost)
     check_settings(max_events, max_steps, solver, adjoint, throw)
     x0, dtype = state_as_arrays(x0)
     mode = mode_as_arrays(mode)

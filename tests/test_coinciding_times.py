@@ -1,5 +1,4 @@
-"""Known times that fall together: a dose and a jump of the flow, two ticks of a clock, a delay of nothing. Against closed
-forms."""
+"""Known times that fall together: a dose and a jump of the flow, two ticks of a clock, a delay of nothing. By closed forms."""
 
 import jax
 import jax.numpy as jnp

@@ -46,6 +46,10 @@ def with_structure(dataset, **trees: Any):
     )
 
 
+ONE_OF_A_BATCH = "jax.tree.map(lambda leaf: leaf[i], batch)"
+"""How a motion is taken out of a batch."""
+
+
 def must_be_one(count, wanted_by: str) -> None:
     """Raise ValueError for a batch of motions, or one whose numbers are not known yet."""
     if isinstance(count, jax.core.Tracer):
@@ -53,7 +57,7 @@ def must_be_one(count, wanted_by: str) -> None:
     if np.ndim(count) > 0:
         raise ValueError(
             f"{wanted_by} must be called on one motion, but this is a batch of {np.shape(count)}: take one of it by "
-            "jax.tree.map(lambda leaf: leaf[i], batch)."
+            f"{ONE_OF_A_BATCH}."
         )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..export.datasets import must_be_one, with_structure, write_netcdf
+from ..export.datasets import ONE_OF_A_BATCH, must_be_one, with_structure, write_netcdf
 from ..export.text import paragraph, preformatted, table
 from ..export.trajectory import events_frame, motion_dataset, samples_frame
 from ..export.trees import as_text
@@ -195,7 +195,7 @@ class Trajectory(eqx.Module):
         if isinstance(self.final.q, jax.core.Tracer):
             return f"Trajectory(traced, final q of shape {self.final.q.shape})"
         if np.ndim(self.events.count) > 0:
-            return f"Trajectory(batch of {np.shape(self.events.count)}; index it to see one)"
+            return f"Trajectory(batch of {np.shape(self.events.count)}; one: {ONE_OF_A_BATCH})"
         return "\n".join([*self._head(), *event_table(self.events), f"final: {state_text(self.final)}"])
 
     def _head(self):

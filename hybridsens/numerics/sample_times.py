@@ -48,9 +48,13 @@ def time_in_the_way(ts, t0, t1) -> str:
     ts, t0, t1 = np.asarray(ts), np.asarray(t0), np.asarray(t1)
     outside = ~((ts >= t0) & (ts <= t1))
     first = int(np.argmax(outside | (np.diff(ts, prepend=ts[0]) < 0)))
-    nearly = np.minimum(abs(ts[first] - t0), abs(ts[first] - t1)) <= 1e-12 * np.maximum(abs(t0), abs(t1))
-    remedy = " Rounding put it there: give `jnp.clip(ts, t0, t1)`." if outside[first] and nearly else ""
-    return f"Here ts[{first}] is {_shown(ts[first])}, t0 is {_shown(t0)} and t1 is {_shown(t1)}.{remedy}"
+    shown = f"Here ts[{first}] is {_shown(ts[first])}, t0 is {_shown(t0)} and t1 is {_shown(t1)}."
+    if not outside.any():
+        return shown
+    by_rounding = np.maximum(t0 - ts, ts - t1)[outside] <= 1e-12 * np.maximum(abs(t0), abs(t1))
+    if by_rounding.all():
+        return f"{shown} Rounding put it there: give `jnp.clip(ts, t0, t1)`."
+    return f"{shown} Of {ts.size} times {np.sum(outside)} lie outside."
 
 
 def _shown(time) -> str:
