@@ -123,7 +123,7 @@ def solve(
     guards, first_mode = counts.guards, mode
     if written[0].located_discontinuities:
         system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))
-    names = event_names(written[0], counts.guards + (counts.scheduled or 0), guards - counts.guards)
+    names = event_names(written[0], counts.guards, counts.scheduled or 0, guards - counts.guards)
     flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode)
     with waiting("compiling and simulating", progress):
         solution = _solve(flat, x0, first_mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))

@@ -1,4 +1,4 @@
-"""Known times that fall together: a dose and a jump of the flow, two ticks of a clock, a delay of nothing. By closed forms."""
+"""Known times that fall together: a dose and a jump of the flow, ticks of a clock, a delay of 0. By closed forms."""
 
 import jax
 import jax.numpy as jnp

@@ -11,6 +11,7 @@ from hybridsens.flat_system import AbstractFlatSystem, Decision
 from hybridsens.forward.solver import RunSettings
 from hybridsens.passes import Options, Problem
 from tests.closeness import assert_close
+from tests.jacobians import value_and_jacobian
 
 WITHIN = 1e-9
 
@@ -66,17 +67,6 @@ def run(system, x0, mode, t1, adjoint):
     return differentiable_motion(inputs, Options(jnp.array(mode), hs.Status.running, settings), adjoint)
 
 
-def jacobian(function, adjoint):
-    """Value and derivative of function(p, adjoint) in the way that the method serves, by one program."""
-    way = jax.jacrev if isinstance(adjoint, hs.Replay) else jax.jacfwd
-
-    def twice(p):
-        value = function(p, adjoint)
-        return value, value
-
-    return jax.jit(lambda p: way(twice, has_aux=True)(p)[::-1])
-
-
 @pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
 def test_thermostat(adjoint):
     """Three switches in closed form: their times and the last temperature, by every parameter and the start."""
@@ -95,7 +85,7 @@ def test_thermostat(adjoint):
         return jnp.stack([t_on, t_off, t_on_again, final])
 
     p = jnp.array([0.3, 10.0, 9.0, 18.0, 22.0, 20.0])
-    value, derivative = jacobian(computed, adjoint)(p)
+    value, derivative = jax.jit(value_and_jacobian(computed, adjoint))(p)
     assert_close(value, exact(p), WITHIN)
     assert_close(derivative, jax.jacfwd(exact)(p), WITHIN)
 
@@ -120,6 +110,6 @@ def test_switched_oscillator(adjoint):
         return jnp.concatenate([times, emitted, sides, final])
 
     p = jnp.array([1.0, 0.9, 0.8, 1.5])
-    value, derivative = jacobian(computed, adjoint)(p)
+    value, derivative = jax.jit(value_and_jacobian(computed, adjoint))(p)
     assert_close(value, exact(p), WITHIN)
     assert_close(derivative, jax.jacfwd(exact)(p), WITHIN)

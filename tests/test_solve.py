@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 import hybridsens as hs
 from tests.closeness import assert_close
+from tests.jacobians import value_and_jacobian
 from tests.problems.hybrid_systems import Ball, Dominoes, Lines, Neuron, Oscillator, Overflow, Thermostat
 
 REVERSE, FORWARD = hs.Replay(), hs.ForwardSensitivities()
@@ -20,17 +21,6 @@ ONE = pytest.mark.parametrize(
 )
 """Where what is told of forward mode is told elsewhere too."""
 TIGHT = dict(rtol=1e-12, atol=1e-12)
-
-
-def jacobian(function, adjoint):
-    """Value and derivative of function(p, adjoint) in the way that the method serves, by one program."""
-    way = jax.jacrev if isinstance(adjoint, hs.Replay) else jax.jacfwd
-
-    def twice(p):
-        value = function(p, adjoint)
-        return value, value
-
-    return lambda p: way(twice, has_aux=True)(p)[::-1]
 
 
 @pytest.mark.slow
@@ -56,7 +46,7 @@ def test_a_thermostat_has_its_closed_form(adjoint):
         return jnp.stack([t_on, t_off, t_on_again, final, heat * (t_off - t_on + 3.2 - t_on_again)])
 
     p = jnp.array([0.3, 10.0, 9.0, 18.0, 22.0, 20.0])
-    value, derivative = jacobian(computed, adjoint)(p)
+    value, derivative = value_and_jacobian(computed, adjoint)(p)
     assert_close(value, exact(p), 1e-9)
     assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
 
@@ -75,7 +65,7 @@ def test_a_neuron_has_its_closed_form(adjoint):
         return jnp.cumsum(p[0] * jnp.log(i / (i - 1)))
 
     p = jnp.array([0.5, 0.3, 1.6])
-    value, derivative = jacobian(computed, adjoint)(p)
+    value, derivative = value_and_jacobian(computed, adjoint)(p)
     assert_close(value, exact(p), 1e-9)
     assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
 
@@ -110,7 +100,7 @@ def test_a_section_is_passed_downward_only(adjoint, start):
         made = hs.solve(Oscillator(w), x0, 0, t1=11.0, max_events=3, adjoint=adjoint, throw=False, **TIGHT)
         return jnp.append(made.events.time[:3], made.mode)
 
-    value, derivative = jacobian(times, adjoint)(jnp.array(2.0))
+    value, derivative = value_and_jacobian(times, adjoint)(jnp.array(2.0))
     expected = (first + 2 * jnp.pi * jnp.arange(3)) / 2
     assert_close(value, jnp.append(expected, 3), 1e-9)
     assert_close(derivative, jnp.append(-expected / 2, 0), 1e-9)
@@ -130,7 +120,7 @@ def test_an_event_that_fires_another_at_once(adjoint):
         return jnp.stack([t, t, height + more * t - speed * (1.5 - t), jnp.array(2.0)])
 
     p = jnp.array([1.3, 2.0, 0.7, 1.1])
-    value, derivative = jacobian(computed, adjoint)(p)
+    value, derivative = value_and_jacobian(computed, adjoint)(p)
     assert_close(value, exact(p), 1e-9)
     assert_close(derivative, jax.jacfwd(exact)(p), 1e-9)
 
@@ -179,7 +169,7 @@ def test_a_guard_that_its_own_event_leaves_below_zero_fires_again(adjoint):
     final = lambda p, adjoint: hs.solve(Subtracting(*p[:2]), p[2], t1=1.0, max_events=8, adjoint=adjoint, **TIGHT).final
     exact = lambda p: (p[2] * jnp.exp(-p[1]) + p[0] - 3.0) * jnp.exp(p[1] - 1.0)
     p = jnp.array([3.3, 0.5, 0.2])
-    value, slope = jacobian(final, adjoint)(p)
+    value, slope = value_and_jacobian(final, adjoint)(p)
     assert_close(value, exact(p), 1e-11)
     assert_close(slope, jax.grad(exact)(p), 1e-10)
     too_much = hs.solve(Subtracting(jnp.array(20.0), jnp.array(0.5)), 0.2, t1=1.0, max_events=4, throw=False)

@@ -84,8 +84,8 @@ def runnable(name: str, given: Collection[str] = ()) -> Any:
     missing = [needed for needed in what_is_missing(found) if needed not in given]
     if missing:
         raise typer.BadParameter(
-            f"{name} must have {', '.join(missing)}: derive it from hybridsens.scenes.ShippedScene or "
-            "hybridsens.systems.ShippedSystem"
+            f"{name} must have {', '.join(missing)}: write it in the class, as `t1 = 10.0`, or derive that from "
+            "hybridsens.scenes.ShippedScene or hybridsens.systems.ShippedSystem"
         )
     return found
 

@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+_EMPTY = {"", "na", "n/a", "null"}
+"""What programs write where a number is missing."""
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 
 
 def read_csv(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a CSV file with a header; empty cells are NaN, lines that start with # are comments.
+    """Columns of a CSV file with a header; cells that are empty, or NA or null, are NaN; lines that start with # are
+    comments.
 
     Raises: FileNotFoundError if there is none; ValueError, naming the file, if it is a folder, is not UTF-8, has other
     separators than commas, two columns of one name or a column of none, or a cell that is no number.
@@ -99,7 +102,7 @@ def _full(path: Path, header: list[str], rows: list[list[str]]) -> list[list[str
 
 
 def _number(path: Path, row: int, column: str, cell: str) -> float:
-    if not cell.strip():
+    if cell.strip().lower() in _EMPTY:
         return float("nan")
     try:
         if "_" in cell:  # Python reads 1_000 as a number

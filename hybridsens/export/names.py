@@ -67,15 +67,19 @@ def names_of(dataset: Any) -> Names:
     return Names(tuple(coordinates) if named else None, tuple(contacts))
 
 
-def event_names(system: Any, count: int, comparisons: int) -> tuple[str, ...] | None:
-    """Names of the events of a system: those of its guards and scheduled times, of which there are `count`, then those
-    of its comparisons. None where all are numbers.
+def event_names(system: Any, guards: int, scheduled: int, comparisons: int) -> tuple[str, ...] | None:
+    """Names of the events of a system: those of its guards and its scheduled times, then those of its comparisons. None
+    where all are numbers. Where guards alone are named, scheduled times are "time 0" and so on.
 
     Raises: ValueError if the system names another number of events than it has."""
-    given = _given(system, "event_names", count, "guard and then each scheduled time")
-    if given is None and comparisons == 0:
+    given, count = getattr(system, "event_names", None), guards + scheduled
+    if isinstance(given, tuple) and 0 < len(given) == guards < count:
+        own = [*(_given(system, "event_names", guards, "guard") or ()), *(f"time {k}" for k in range(scheduled))]
+    else:
+        own = _given(system, "event_names", count, "guard and then each scheduled time, or one for each guard alone")
+    if own is None and comparisons == 0:
         return None
-    own = map(str, range(count)) if given is None else given
+    own = map(str, range(count)) if own is None else own
     return *own, *(f"comparison {k}" for k in range(comparisons))
 
 

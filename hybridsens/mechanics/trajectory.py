@@ -20,6 +20,7 @@ from ..export.trees import as_text
 from ..numerics.sample_times import at_times
 from ..outcome import Steps, end_told
 from ..status import Status
+from ..validation.asked import Asked
 from .event_table import event_rows, event_table, state_text
 from .scene import State
 
@@ -121,13 +122,19 @@ class Trajectory(eqx.Module):
         """d(cost) / d(state) for the motion that begins at each sample and ends where this one does: the costate.
 
         `cost` is a scalar function of a trajectory. A sample at the end, where nothing follows, is nan.
-        Raises: ValueError as `evaluate`. The motion must have samples."""
+        Raises: ValueError as `evaluate`; TypeError for another kind of cost. The motion must have samples."""
         again = self._known_again("the costate")
         assert self.ts is not None and self.q is not None and self.v is not None
         t1 = again.keywords["t1"]
 
+        asked = Asked("cost(trajectory)", cost)
+
         def value(state, t, mode):
-            return cost(again.func(again.args[0], state, mode, **{**again.keywords, "t0": t, "throw": "nan"}))
+            J = asked(again.func(again.args[0], state, mode, **{**again.keywords, "t0": t, "throw": "nan"}))
+            if J is None or jnp.shape(J) != ():
+                returned = "None" if J is None else f"an array of shape {jnp.shape(J)}"
+                raise TypeError(f"`cost` must return a number of each trajectory, but returns {returned}.")
+            return J
 
         inside = np.asarray(self.ts) < t1
         before_end = jnp.where(inside, self.ts, self.ts[0])

@@ -45,14 +45,15 @@ class Asked(NamedTuple):
         self.must_be_callable(function)
         if self._in_other_order():
             written = self._where(_written(self._as_written()))
-            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}: arguments go by their places.")
+            order = "arguments go by their places"
+            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}: {order}.{self._of_class()}")
         try:
             return function(*arguments)
         except TypeError as error:
             if _takes(function, arguments):
                 raise
             written = self._where(_written(self._as_written()))
-            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}.") from error
+            raise TypeError(f"`{self.name}` must be {self._wanted}, but is {written}.{self._of_class()}") from error
 
     def must_be_callable(self, function: Any) -> None:
         """Raise TypeError for what is no function."""
@@ -70,6 +71,13 @@ class Asked(NamedTuple):
         given = given if self.owner is None else given[1:]
         moved = [name for name, here in zip(given, names, strict=False) if name != here and name in names]
         return len(moved) > 1
+
+    def _of_class(self) -> str:
+        """What to give in the place of a method of an object, whose `self` is taken already."""
+        if self.owner is not None or not is_method(self.function):
+            return ""
+        of, name = type(self.function.__self__).__name__, self.function.__func__.__name__
+        return f" Give the function of the class, {of}.{name}, in place of the method of one object."
 
     @property
     def _wanted(self) -> str:

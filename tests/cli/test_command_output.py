@@ -170,7 +170,7 @@ def test_an_end_that_an_option_gives_need_not_be_the_scenes_own(tmp_path):
         "    mass_matrix = force = gap = restitution = running_cost = lambda *given: 0.0\n"
         "    initial_state = lambda self: None\n"
     )
-    with pytest.raises(typer.BadParameter, match="must have t1: derive it"):
+    with pytest.raises(typer.BadParameter, match="must have t1: write it in the class, as `t1 = 10.0`, or derive"):
         runnable(f"{file}:Own")
     asked = ready_made_motion(runnable(f"{file}:Own", given=["t1"]), lambda scene, start, **settings: settings, t1=3.0)
     assert asked["t1"] == 3.0 and callable(asked["running_cost"])

@@ -116,3 +116,13 @@ def test_a_table_without_a_header_is_told_of(tmp_path):
     path.write_text("0.1,0.95\n0.2,0.80\n")
     with pytest.raises(ValueError, match="The first line of the table must name its columns, but has numbers alone"):
         read_measurements(path)
+
+
+@pytest.mark.parametrize("cell", ["", "NA", "n/a", "NULL", "nan"])
+def test_a_cell_may_say_that_nothing_was_measured(cell, tmp_path):
+    """As R, spreadsheets and data bases write it; left out where that is asked for, and else refused by its row."""
+    file = tmp_path / "record.csv"
+    file.write_text(f"t,q0\n0.1,1.0\n0.2,{cell}\n0.3,2.0\n")
+    np.testing.assert_array_equal(read_measurements(file, missing="skip").values[:, 0], [1.0, np.nan, 2.0])
+    with pytest.raises(ValueError, match="row.* 1 .*counted from 0"):
+        read_measurements(file)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import pickle
+import types
 
 import equinox as eqx
 import jax
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
+from hybridsens.export.names import event_names
 
 TS = jnp.linspace(0.0, 3.0, 7)
 
@@ -156,6 +158,17 @@ def test_one_name_stays_one_in_a_file(named, tmp_path):
     alone = eqx.tree_at(lambda s: (s.events.guard, s.events.count), alone, (0 * named.events.guard, jnp.array(1)))
     alone.save(tmp_path / "alone.nc")
     assert hs.load(tmp_path / "alone.nc").events.names == ("left",)
+
+
+def test_guards_may_have_names_alone():
+    """Where a schedule has any length. Names for all, or for none, are as they were."""
+    names = lambda *given, scheduled=2: event_names(types.SimpleNamespace(event_names=given or None), 2, scheduled, 1)
+    assert names("burner", "pump") == ("burner", "pump", "time 0", "time 1", "comparison 0")
+    assert names("burner", "pump", "on", "off") == ("burner", "pump", "on", "off", "comparison 0")
+    assert names("burner", "pump", scheduled=0) == ("burner", "pump", "comparison 0")
+    assert names() == ("0", "1", "2", "3", "comparison 0")
+    with pytest.raises(ValueError, match="each guard and then each scheduled time, or one for each guard alone"):
+        names("burner", "pump", "on")
 
 
 def test_events_must_have_a_name_each():
