@@ -47,7 +47,8 @@ class SolutionEvents(eqx.Module):
 
     def to_pandas(self):
         """A pandas DataFrame with a row for each event that there was: time, guard, its name where it has one, mode
-        after it, states before and after. Raises: ImportError without pandas; ValueError for a batch."""
+        after it, states before and after; of a batch, for each event of each run. Raises: ImportError without pandas;
+        ValueError for a batch of more than one axis."""
         return solution_events(self)
 
 

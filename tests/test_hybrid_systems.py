@@ -90,6 +90,7 @@ def test_thermostat(adjoint):
     assert_close(derivative, jax.jacfwd(exact)(p), WITHIN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adjoint", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
 def test_switched_oscillator(adjoint):
     """Resets, a segment that starts on its own guard, and what the resets emit, by w1, w2, rho and the start."""

@@ -48,7 +48,7 @@ MAY_IMPORT = {
     "outcome": {"status"},
     "solve": {"export", "waiting"} | FRONT - {"simulate"} | METHOD | BASE,
     "simulate": {"mechanics", "waiting"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
-    "scenes": {"mechanics"},
+    "scenes": {"mechanics", "planar"},
     "systems": {"system"},
     "planar": set(),
     "plot": {"mechanics", "numerics", "export", "outcome", "solution"},

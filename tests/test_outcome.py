@@ -111,6 +111,7 @@ def test_nan_instead_of_an_exception():
     assert plain[1][2] == 0  # what an optimiser would take for a stationary point
 
 
+@pytest.mark.slow
 def test_blank_rows_do_not_make_the_gradient_of_a_whole_motion_nan():
     """The time of an event that did not happen is inf: chosen away, its cotangent is 0 times inf."""
 

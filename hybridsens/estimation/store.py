@@ -83,15 +83,14 @@ def _is_number(value: Any) -> bool:
 
 
 def study_digest(problem: FitProblem, measured: Measurements) -> str:
-    """A digest of the measurements, of the name of the model's class, of its numbers that are not fitted and of its
-    static ones, of a given initial state and mode, and of t0.
+    """A digest of the measurements, of the names of the model's classes, of its numbers that are not fitted, of its
+    texts and of what is static, of a given initial state and mode, and of t0.
 
     The guess is not in it, nor bounds, priors and settings: a fit may go on under others. Functions are not compared.
     """
     fitted = set(problem.selection.positions)
     fixed = [leaf for place, leaf in enumerate(jax.tree.leaves(problem.scene)) if place not in fitted]
-    static = tuple(_static_numbers(problem.scene))
-    names = type(problem.scene).__qualname__, problem.selection.labels, measured.names, static
+    names = problem.selection.labels, measured.names, tuple(_kinds_and_constants(problem.scene))
     digest = hashlib.sha256(repr(names).encode())
     for leaf in jax.tree.leaves((measured, fixed, problem.start, problem.t0)):
         if _is_numeric(leaf):
@@ -100,20 +99,24 @@ def study_digest(problem: FitProblem, measured: Measurements) -> str:
     return digest.hexdigest()
 
 
-def _static_numbers(part: Any) -> Iterator[tuple[str, Any]]:
-    """Names and values of a model's static fields, those that say what they are."""
-    if isinstance(part, eqx.Module):
+def _kinds_and_constants(part: Any) -> Iterator[tuple[str, Any]]:
+    """The classes of a model and of its parts, its texts, and names and values of its static fields, those that say
+    what they are."""
+    if isinstance(part, str):
+        yield "text", part
+    elif isinstance(part, eqx.Module):
+        yield "class", type(part).__qualname__
         for field in dataclasses.fields(part):
             value = getattr(part, field.name, None)
             if not field.metadata.get("static", False):
-                yield from _static_numbers(value)
+                yield from _kinds_and_constants(value)
             elif jax.tree.all(jax.tree.map(lambda leaf: isinstance(leaf, int | float | str), value)):
                 yield field.name, value
     elif isinstance(part, list | tuple):
         for member in part:
-            yield from _static_numbers(member)
+            yield from _kinds_and_constants(member)
     elif isinstance(part, dict):
-        yield from _static_numbers(list(part.values()))
+        yield from _kinds_and_constants(list(part.values()))
 
 
 def _is_numeric(leaf: Any) -> bool:

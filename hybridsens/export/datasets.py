@@ -2,6 +2,7 @@
 read back, and the file."""
 
 import json
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,14 @@ def must_be_one(count, wanted_by: str) -> None:
             f"{wanted_by} must be called on one motion, but this is a batch of {np.shape(count)}: take one of it by "
             f"{ONE_OF_A_BATCH}."
         )
+
+
+def of_each_run(events: Any, table: Callable[[Any], Any]):
+    """The tables of all motions in a batch below each other, with an index (run, event)."""
+    pandas = optional("pandas", "to_pandas()")
+    on_host = jax.tree.map(np.asarray, events)
+    tables = [table(jax.tree.map(lambda leaf, run=run: leaf[run], on_host)) for run in range(on_host.count.size)]
+    return pandas.concat(tables, keys=range(len(tables)), names=["run", "event"])
 
 
 def must_have_samples(motion: Any, made_by: str) -> None:

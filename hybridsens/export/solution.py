@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .datasets import attributes, must_be_one, must_have_samples, optional
+from .datasets import attributes, must_be_one, must_have_samples, of_each_run, optional
 from .names import must_differ
 from .trees import named_leaves, variables
 
@@ -45,6 +45,8 @@ def solution_samples(solution: Any):
 
 def solution_events(events: Any):
     """As `SolutionEvents.to_pandas`: one row for each event that there was."""
+    if np.ndim(events.count) == 1:
+        return of_each_run(events, solution_events)
     must_be_one(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     rows = _happened(events)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .datasets import attributes, must_be_one, must_have_samples, optional
+from .datasets import attributes, must_be_one, must_have_samples, of_each_run, optional
 from .names import contact_names, coordinate_names, must_differ, unit_of_contact
 from .trees import named_leaves, variables
 
@@ -71,6 +71,8 @@ def events_frame(events: Any, scene: Any):
     """As `Events.to_pandas`: one row for each event that there was.
 
     Raises: ValueError for a coordinate with the name of a column, such as kind."""
+    if np.ndim(events.count) == 1:
+        return of_each_run(events, lambda one: events_frame(one, scene))
     must_be_one(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     n = int(events.count)

@@ -54,7 +54,8 @@ class Events(eqx.Module):
 
     def to_pandas(self):
         """A pandas DataFrame with a row for each event that there was: time, kind, contact, closing speed, impulse of
-        that contact, place, velocities before and after. Raises: ImportError, ValueError as `Trajectory.to_pandas`."""
+        that contact, place, velocities before and after; of a batch, for each event of each run. Raises: ImportError
+        without pandas; ValueError for a batch of more than one axis."""
         return events_frame(self, getattr(self, "_scene", None))
 
 

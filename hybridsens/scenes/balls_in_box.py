@@ -6,11 +6,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import circle
 from .shipped import ShippedScene, parameter, scalars
 
 
 class BallsInBox(ShippedScene):
-    """q = (x_1, y_1, x_2, y_2, ...); gaps: n (n - 1) / 2 pairs of balls, then 4 n of a ball and a wall."""
+    """q = (x_0, y_0, x_1, y_1, ...); gaps: n (n - 1) / 2 pairs of balls, then 4 n of a ball and a wall.
+
+    `mass` may be given, one number for each of the `count` balls."""
 
     t1 = 2.0
 
@@ -27,10 +30,25 @@ class BallsInBox(ShippedScene):
     restitution_coefficient: Float[Array, ""] = parameter(1.0)
     """e, in [0, 1]"""
 
-    def __init__(self, count: int = 3, radius=0.1, side=4.0, speed=1.0, gravity=0.0, restitution_coefficient=1.0):
-        self.mass = 1 + 0.2 * jnp.cos(jnp.arange(float(count)))
+    def __init__(
+        self, count: int = 3, radius=0.1, side=4.0, speed=1.0, gravity=0.0, restitution_coefficient=1.0, mass=None
+    ):
+        self.mass = 1 + 0.2 * jnp.cos(jnp.arange(float(count))) if mass is None else jnp.asarray(mass, float)
         self.radius, self.side, self.speed, self.gravity = scalars(radius, side, speed, gravity)
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
+
+    @property
+    def contacts(self):  # type: ignore[override]
+        """Names of the gaps, in their order."""
+        balls = range(self.mass.shape[0])
+        pairs = (f"balls {i}-{j}" for i in balls for j in balls[i + 1 :])
+        walls = (f"ball {i} {wall}" for two in (("left", "bottom"), ("right", "top")) for i in balls for wall in two)
+        return *pairs, *walls
+
+    def draw(self, q):
+        """Outlines of the box and of the balls, for `hybridsens.animate`."""
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+        return [corners * self.side / 2, *(circle(place, self.radius) for place in q.reshape(-1, 2))]
 
     def initial_state(self):
         """On a square grid, in directions that no two share."""

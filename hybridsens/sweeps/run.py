@@ -7,6 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jax
+import numpy as np
+
 from ..parameters import parameters
 from ..validation.arguments import whole_number
 from ..validation.asked import kind_of
@@ -24,6 +27,8 @@ if TYPE_CHECKING:
 
 OTHER_FILES = (".csv", ".nc", ".json", ".txt", ".h5", ".parquet")
 """Endings of what is no Zarr store. It would be made as a folder of that name."""
+MOST_FIXED = 100
+"""Numbers of a parameter that is not varied which a Dataset lists."""
 
 
 def sweep(
@@ -68,7 +73,8 @@ def sweep(
 
     Returns: an xarray Dataset with the design's dimensions: J, dJ_d<name>, status, and with a trajectory event_count,
     event_sequence (equal numbers: the same sequence), grazing_margin [m/s], steps, event_time [s], event_kind,
-    event_contact.
+    event_contact. Its attributes are the kind of design, which parameters it varies, the class of the scene, and its
+    parameters that are the same at all points, as JSON (`fixed`).
 
     Raises: ValueError or TypeError for a cost, names, units or a store that do not fit.
     """
@@ -87,8 +93,7 @@ def sweep(
     units = dict(units or {})
     layout, coords = variables(design, shapes(program, first), units), coordinates(design, units)
     edges = tile_shape(design.shape, chunk)
-    # A store lists its coordinates by the alphabet. As JSON, since netCDF has no lists of texts.
-    attributes = {"design": design.kind, "varied": json.dumps(list(design.columns))}
+    attributes = _about(design)
     if store is None:
         target = MemoryStore(layout)
     else:
@@ -124,6 +129,16 @@ def _run_all(design: Design, edges, target, make_engine, client, progress: bool)
         for tile in missing:
             target.write(tile, engine.run(design.block(tile)))
             advance(points_in(tile))
+
+
+def _about(design: Design) -> dict[str, str]:
+    """What a file says of its points: of what they are, and what is the same in all of them."""
+    array = lambda value: not isinstance(value, jax.ShapeDtypeStruct) and np.size(value) <= MOST_FIXED
+    others = {name: value for name, value in parameters(design.scene).items() if name not in design.columns}
+    fixed = {name: np.asarray(value).tolist() for name, value in others.items() if array(value)}
+    # A store lists its coordinates by the alphabet. As JSON, since netCDF has no lists of texts.
+    varied, model = json.dumps(list(design.columns)), type(design.scene).__name__
+    return {"design": design.kind, "varied": varied, "model": model, "fixed": json.dumps(fixed)}
 
 
 def _digest(design: Design, program: Program, first, edges) -> str:

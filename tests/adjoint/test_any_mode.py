@@ -96,6 +96,7 @@ def test_reverse_mode_over_another_is_refused():
             refused(P)
 
 
+@pytest.mark.slow
 def test_of_a_hybrid_system():
     """A thermostat, and its parameters by both modes."""
     system = hs.systems.Thermostat()

@@ -4,6 +4,7 @@ import importlib
 
 import jax
 import jax.numpy as jnp
+import pytest
 
 import hybridsens as hs
 from hybridsens.comparison.check_causes import find_causes
@@ -34,6 +35,7 @@ class Driven(hs.AbstractScene):
         return self.knots
 
 
+@pytest.mark.slow
 def test_a_jump_time_at_the_start_is_told():
     """For the least change of the first knot the force begins before the motion or in it."""
     end = lambda scene, simulate: simulate(scene, hs.State([1.0], [0.0]), t1=1.0).final.q[0]

@@ -168,6 +168,19 @@ def test_a_study_is_known_by_its_static_numbers():
     assert _study(guess=_Bent(2.0, 1.0)) != _study(guess=_Bent(2.0, 1.0, power=2))
 
 
+class _Told(Sawtooth):
+    """With a text, and a part of its own, neither of which is a number."""
+
+    kind: str = "a"
+    part: eqx.Module = _Bent(1.0, 1.0)
+
+
+def test_a_study_is_known_by_its_texts_and_by_the_classes_of_its_parts():
+    assert _study(guess=_Told(2.0, 1.0)) == _study(guess=_Told(3.0, 1.0))
+    for other in (_Told(2.0, 1.0, kind="b"), _Told(2.0, 1.0, part=_OtherSawtooth(1.0, 1.0))):
+        assert _study(guess=_Told(2.0, 1.0)) != _study(guess=other)
+
+
 def test_a_fit_goes_on_without_a_store_that_cannot_be_written(tmp_path):
     """Assert that a folder that is gone is told of: the best point in memory was lost."""
     store = Store(tmp_path / "gone" / "best.json", select(GUESS, "slope"), "this one")
@@ -193,7 +206,8 @@ def test_two_fits_may_have_one_store(tmp_path):
     assert store.read() is not None and list(tmp_path.iterdir()) == [store.path]
 
 
-@pytest.mark.parametrize("starts", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("starts", [1, 2])
 def test_a_store_is_there_after_a_fit_that_had_nothing_to_do(starts, tmp_path):
     """Assert that a guess at the minimum, or the best of many starts, is kept: no file was written."""
     path = tmp_path / "best.json"

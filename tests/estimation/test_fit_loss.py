@@ -43,6 +43,7 @@ def test_the_loss_is_half_the_sum_of_squares():
     assert result.loss == pytest.approx(squares / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 def test_a_profile_rises_as_the_page_says_to_the_ends_of_an_interval(sigma):
     """Assert that the loss, the slope being held there, is 1.92 higher; without sigmas the rise is relative to the

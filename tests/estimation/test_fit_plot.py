@@ -38,6 +38,7 @@ def test_event_times_alone_have_no_empty_panel():
     assert above.get_title(loc="left").endswith("; dashed lines are events")
 
 
+@pytest.mark.slow
 def test_what_a_fit_predicts_at_other_times(near):
     """Assert that it is what it shows at the times measured, in any order, and that other times are refused."""
     shown = near.predict(near.data.times[::-1])

@@ -48,6 +48,7 @@ def test_an_event_that_was_not_seen_is_not_to_be_left_out():
         measurements(event_times=[2.0, 1.0], event_sigma=1e-3)
 
 
+@pytest.mark.slow
 def test_a_guess_that_fails_tells_the_horizon_and_the_record():
     """Milliseconds since another moment, say: no motion reaches their end."""
     late = 1.7e9 + np.arange(3.0)

@@ -208,7 +208,7 @@ def test_a_motion_that_lost_its_scene_says_so(motion):
     with pytest.raises(ValueError, match="Pass `ts=`"):
         jax.tree.map(lambda leaf: leaf, motion).evaluate(0.5)
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), motion)
-    for way in (batch.to_xarray, batch.to_pandas, batch.events.to_pandas):
+    for way in (batch.to_xarray, batch.to_pandas, jax.tree.map(lambda leaf: jnp.stack([leaf]), batch).events.to_pandas):
         with pytest.raises(ValueError, match="batch of"):
             way()
     with pytest.raises(ValueError, match=r"^save\(\) must be called on one motion"):

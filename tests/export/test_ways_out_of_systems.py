@@ -120,9 +120,22 @@ def test_what_a_file_cannot_hold_is_named(motion, tmp_path):
     with pytest.raises(TypeError, match="`mode.queue` can be saved if .* DelayQueue. Save what `to_xarray"):
         queue.save(tmp_path / "motion.nc")
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]) if eqx.is_array(leaf) else leaf, motion)
-    for way in (batch.to_xarray, batch.to_pandas, batch.events.to_pandas, lambda: batch.save("none.nc")):
+    for way in (batch.to_xarray, batch.to_pandas, lambda: batch.save("none.nc")):
         with pytest.raises(ValueError, match="batch of"):
             way()
+
+
+def test_events_of_a_batch_are_one_table(motion):
+    """Those of each run below each other, as many as there were; also where a run had none, and of a single run."""
+    none = eqx.tree_at(lambda m: m.events.count, motion, jnp.array(0))
+    stacked = lambda *runs: jax.tree.map(lambda *leaves: jnp.stack(leaves), *(run.events for run in runs))
+    table, alone = stacked(motion, none, motion).to_pandas(), motion.events.to_pandas()
+    count = int(motion.events.count)
+    assert table.index.names == ["run", "event"]
+    assert table.index.tolist() == [(run, event) for run in (0, 2) for event in range(count)]
+    for run in (0, 2):
+        assert table.loc[run].equals(alone)
+    assert stacked(none).to_pandas().shape == (0, alone.shape[1])
 
 
 def test_a_motion_without_samples_has_no_table_of_them(motion):

@@ -78,6 +78,7 @@ def test_orthogonal_walls_are_struck_at_once():
     assert_close(motion.by_state.v[:2, :2], np.diag([-1.0, -1.6]), 1e-12)
 
 
+@pytest.mark.slow
 def test_a_ball_strikes_two_that_touch():
     """Newton-Moreau's law (T3) for a row of equal balls: v+ = (-1/3, 2/3, 2/3), which keeps momentum and energy."""
     row = [([-1.0, 1.0, 0.0], 0.0), ([0.0, -1.0, 1.0], 0.0)]

@@ -46,6 +46,7 @@ def moved(e):
     return jax.value_and_grad(place, has_aux=True)(e)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("e", "within"), [(0.0, 1e-8), (0.3, 1e-5)])
 def test_a_ball_that_lands_and_rests_comes_down_no_more(e, within):
     """By an impact without rebound, and at the end of a cascade. The push went on for ever: 4.5 for 1.25.

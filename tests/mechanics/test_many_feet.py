@@ -60,6 +60,7 @@ def test_the_matrix_is_kept_by_its_factors_where_contacts_are_many():
     assert contact_geometry(plate(feet()[:4], 0.5), *given).delassus.rows.shape == (4, 4)
 
 
+@pytest.mark.slow
 def test_laws_by_factors_are_those_by_the_whole_matrix(monkeypatch):
     """Who takes part, impulses, velocities after, and their derivatives."""
     x = jnp.array([0.0, 0.0, 0.0, -1.0, 0.3, -0.2])

@@ -52,6 +52,7 @@ def ends(mass, clearance, speed, settings):
     return q, by_clearance, *told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tolerance", "late", "mm"), [(1e-8, 0.0, 1.0), (1e-12, 0.0, 1.0), (1e-8, 1e6, 1.0), (1e-10, 0.0, 1e-3)]
 )

@@ -99,6 +99,7 @@ def test_a_pull_that_begins_smoothly_presses_a_peg_in_its_slot():
     np.testing.assert_allclose(trajectory.final.q, np.zeros(1), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_beam_comes_down_on_all_its_feet():
     """It falls about one end; the foot in the middle closes too, though the impulse at the other end does not act on
     it: the end that it turns about does. About that end I a'' = m g / 2 with I = J + m / 4."""

@@ -159,7 +159,9 @@ class ElasticFloors(Floors):
     sustained_contact = False
 
 
-@pytest.mark.parametrize("scale", [[2.0, 1.0], [3.0, 1.0, 2.0], [2.0, *[3.0] * 8, 1.0]], ids=len)
+@pytest.mark.parametrize(
+    "scale", [[2.0, 1.0], [3.0, 1.0, 2.0], pytest.param([2.0, *[3.0] * 8, 1.0], marks=pytest.mark.slow)], ids=len
+)
 def test_of_floors_at_one_place_the_most_elastic_one_acts(scale):
     """The law holds at each of them, so that the body leaves with the largest of the restitutions (T3)."""
     e = np.linspace(0.1, 0.9, len(scale))

@@ -62,6 +62,7 @@ def test_a_force_that_jumps_lets_go_and_a_far_wall_changes_nothing(far):
     assert not np.any(force[:, 1])
 
 
+@pytest.mark.slow
 def test_hops_that_are_small_beside_a_far_wall_are_flights():
     scene = BesideAWall(jnp.array(-1.0), jnp.array(1e5))
     times = dict(t1=0.03, ts=jnp.linspace(0, 0.03, 41), jump_ts=jnp.array([0.5]))

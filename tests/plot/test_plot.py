@@ -103,9 +103,10 @@ def test_of_many_contacts_those_with_an_event_are_drawn():
         ts[-1], jnp.array(jnp.nan), Steps(jnp.array(10), jnp.array(0)),
     )  # fmt: skip
     gaps, _, closed = plot_trajectory(scene, motion).axes
-    assert [label.get_text() for label in closed.get_yticklabels()] == ["3", "8", "21"]
+    assert [label.get_text() for label in closed.get_yticklabels()] == ["balls 1-2", "ball 1 left", "ball 3 top"]
     assert gaps.get_title(loc="left") == "3 of 22 contacts"
-    assert [str(line.get_label()) for line in gaps.get_lines()[:3]] == ["gap 3", "gap 8", "gap 21"]
+    drawn = [str(line.get_label()) for line in gaps.get_lines()[:3]]
+    assert drawn == ["balls 1-2", "ball 1 left", "ball 3 top"]
 
 
 @pytest.mark.parametrize("count", [3, 9, 16])

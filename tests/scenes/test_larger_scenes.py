@@ -110,6 +110,17 @@ def test_the_last_ball_of_a_cradle_rises_as_high_as_the_first_one_fell():
     assert_close(motion.final.q, np.array([0, 0, 0, scene.pulled]), 1e-5, scale=1.0)
 
 
+def test_balls_in_a_box_have_names_and_outlines():
+    """The gap of each name is that of what it names, and outlines touch where a gap is zero."""
+    scene = BallsInBox(3, radius=0.5, mass=[1.0, 2.0, 5.0])
+    q = jnp.array([-1.5, 0.0, -0.5, 0.0, 0.6, -1.5])  # the first is at the left wall and at the second, the last below
+    touching = {name for name, gap in zip(scene.contacts, scene.gap(0.0, q), strict=True) if abs(gap) < 1e-12}
+    assert touching == {"balls 0-1", "ball 0 left", "ball 2 bottom"} and scene.mass[2] == 5.0
+    box, first, second, last = scene.draw(q)
+    assert first[:, 0].min() == box[:, 0].min() and last[:, 1].min() == box[:, 1].min()
+    assert abs(first[:, 0].max() - second[:, 0].min()) < 1e-12
+
+
 @pytest.mark.slow
 def test_balls_in_a_box_keep_their_energy_and_between_walls_their_momentum():
     """Elastic; momentum changes at walls alone, along their normal, by the impulse that is reported."""

@@ -1,5 +1,6 @@
 """Sweeps against closed forms: a dropped ball that bounces once, or not at all."""
 
+import json
 import subprocess
 import sys
 import warnings
@@ -56,6 +57,8 @@ def test_values_and_gradients_are_the_closed_form(dataset):
     np.testing.assert_allclose(dataset.dJ_dheight, by_height, rtol=1e-9)
     np.testing.assert_allclose(dataset.dJ_drestitution_coefficient, by_restitution, rtol=1e-9, atol=1e-9)
     assert dataset.dJ_dheight.attrs["units"] == "m/m"
+    fixed = {"mass": 1.0, "weight": G, "floor": 0.0, "velocity": 0.0}
+    assert dataset.attrs["model"] == "Ball" and json.loads(dataset.attrs["fixed"]) == fixed
 
 
 def test_the_event_summary_is_the_closed_form(dataset):
