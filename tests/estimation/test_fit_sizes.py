@@ -26,6 +26,7 @@ class Faster(Sawtooth):
         return -self.slope - self.unit * self.more
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 1e9])
 def test_a_guess_of_0_is_left_in_any_unit(unit, tmp_path):
     """Assert the minimum of the linear problem, also where its value is 1e-9: the fit said "converged" at 0."""

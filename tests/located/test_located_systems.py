@@ -23,6 +23,7 @@ def test_a_force_that_jumps_has_the_motion_and_the_gradient_of_a_mode():
     np.testing.assert_allclose(solution.events.before["q"][:3], 0.3, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_without_it_the_gradient_is_another_and_says_so():
     """By a warning from the trace, and by the status of the motion whose derivative is taken."""
 

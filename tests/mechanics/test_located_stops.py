@@ -122,6 +122,7 @@ def gone(rate, x, stopped):
     return hs.solve(Still(rate), jnp.stack([x, 0.0]), stopped, t1=2.0).final[1]
 
 
+@pytest.mark.slow
 def test_the_sign_of_what_rests_at_0_is_0():
     """x' = sign of 1 - rate t until that is 1/2, and then 0: it was -1."""
     found = gone(jnp.array(0.4), jnp.array(1.0), jnp.array(False))

@@ -100,6 +100,7 @@ def test_what_is_sampled_is_told(name):
         assert_close(move(TABLE, max_step=2 * WIDTH, max_steps=8192).events.time[0], AT - WIDTH, 1e-9)
 
 
+@pytest.mark.slow
 def test_a_search_that_is_given_up_leads_to_shorter_steps(monkeypatch):
     """With few turns for each step it cannot look through a long one; then the step ends earlier, and is no less
     searched."""

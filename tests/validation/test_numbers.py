@@ -131,7 +131,13 @@ def test_what_is_declared_otherwise_stays():
     assert odd.single.dtype == jnp.float32
 
 
-@pytest.mark.parametrize("ball", [HalfBall(jnp.array(9.81)), Ball(jnp.array(9.81), jnp.array(1))], ids=["float", "int"])
+@pytest.mark.parametrize(
+    "ball",
+    [
+        pytest.param(HalfBall(jnp.array(9.81)), id="float"),
+        pytest.param(Ball(jnp.array(9.81), jnp.array(1)), id="int", marks=pytest.mark.slow),
+    ],
+)
 def test_a_derivative_past_a_number_is_told_of(ball):
     """In reverse and in forward mode, also under `jax.jit`; a value alone asks for nothing."""
     (message,) = set(told(eqx.filter_grad(height), ball))
