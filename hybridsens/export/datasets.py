@@ -53,8 +53,7 @@ ONE_OF_A_BATCH = "jax.tree.map(lambda leaf: leaf[i], batch)"
 
 def must_be_one(count, wanted_by: str) -> None:
     """Raise ValueError for a batch of motions, or one whose numbers are not known yet."""
-    if isinstance(count, jax.core.Tracer):
-        raise ValueError(f"{wanted_by} must be called outside of jax.jit, jax.grad and jax.vmap, on what they return.")
+    _must_be_known(count, wanted_by)
     if np.ndim(count) > 0:
         raise ValueError(
             f"{wanted_by} must be called on one motion, but this is a batch of {np.shape(count)}: take one of it by "
@@ -62,8 +61,14 @@ def must_be_one(count, wanted_by: str) -> None:
         )
 
 
+def _must_be_known(count, wanted_by: str) -> None:
+    if isinstance(count, jax.core.Tracer):
+        raise ValueError(f"{wanted_by} must be called outside of jax.jit, jax.grad and jax.vmap, on what they return.")
+
+
 def of_each_run(events: Any, table: Callable[[Any], Any]):
     """The tables of all motions in a batch below each other, with an index (run, event)."""
+    _must_be_known(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     on_host = jax.tree.map(np.asarray, events)
     tables = [table(jax.tree.map(lambda leaf, run=run: leaf[run], on_host)) for run in range(on_host.count.size)]

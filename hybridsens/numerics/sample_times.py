@@ -49,7 +49,7 @@ def time_in_the_way(ts, t0, t1) -> str:
     outside = ~((ts >= t0) & (ts <= t1))
     first = int(np.argmax(outside | (np.diff(ts, prepend=ts[0]) < 0)))
     shown = f"Here ts[{first}] is {_shown(ts[first])}, t0 is {_shown(t0)} and t1 is {_shown(t1)}."
-    if not outside.any():
+    if not outside[first]:
         return shown
     by_rounding = np.maximum(t0 - ts, ts - t1)[outside] <= 1e-12 * np.maximum(abs(t0), abs(t1))
     if by_rounding.all():

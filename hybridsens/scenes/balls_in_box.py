@@ -13,7 +13,7 @@ from .shipped import ShippedScene, parameter, scalars
 class BallsInBox(ShippedScene):
     """q = (x_0, y_0, x_1, y_1, ...); gaps: n (n - 1) / 2 pairs of balls, then 4 n of a ball and a wall.
 
-    `mass` may be given, one number for each of the `count` balls."""
+    `mass` may be given, one number for each of the `count` balls. Raises: ValueError for another number of them."""
 
     t1 = 2.0
 
@@ -34,6 +34,8 @@ class BallsInBox(ShippedScene):
         self, count: int = 3, radius=0.1, side=4.0, speed=1.0, gravity=0.0, restitution_coefficient=1.0, mass=None
     ):
         self.mass = 1 + 0.2 * jnp.cos(jnp.arange(float(count))) if mass is None else jnp.asarray(mass, float)
+        if self.mass.shape != (count,):
+            raise ValueError(f"`mass` must have a number for each of {count} balls, but has shape {self.mass.shape}.")
         self.radius, self.side, self.speed, self.gravity = scalars(radius, side, speed, gravity)
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
 

@@ -136,6 +136,8 @@ def test_events_of_a_batch_are_one_table(motion):
     for run in (0, 2):
         assert table.loc[run].equals(alone)
     assert stacked(none).to_pandas().shape == (0, alone.shape[1])
+    with pytest.raises(ValueError, match="to_pandas.. must be called outside of jax.jit"):
+        jax.jit(lambda events: events.to_pandas().shape[0])(stacked(motion, motion))
 
 
 def test_a_motion_without_samples_has_no_table_of_them(motion):

@@ -119,6 +119,8 @@ def test_balls_in_a_box_have_names_and_outlines():
     box, first, second, last = scene.draw(q)
     assert first[:, 0].min() == box[:, 0].min() and last[:, 1].min() == box[:, 1].min()
     assert abs(first[:, 0].max() - second[:, 0].min()) < 1e-12
+    with pytest.raises(ValueError, match=r"for each of 3 balls, but has shape \(2,\)"):
+        BallsInBox(mass=[1.0, 2.0])
 
 
 @pytest.mark.slow
