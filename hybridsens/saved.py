@@ -20,8 +20,8 @@ from .status import Status
 
 
 def load(path: str | Path) -> Any:
-    """What `save` wrote: a `Trajectory` or a `Solution`, with every number as it was, or the xarray Dataset of a
-    `FitResult`.
+    """What `save` wrote: a `Trajectory` or a `Solution`, or a batch of them, with every number as it was, or the xarray
+    Dataset of a `FitResult`.
 
     A motion keeps the names of coordinates and contacts. The scene is not in the file, so a motion that was loaded has
     no `evaluate`.
@@ -38,14 +38,14 @@ def load(path: str | Path) -> Any:
     if kind == "fit":
         return dataset
     readers = {"trajectory": _trajectory, "solution": _solution}
-    if kind not in readers or "cost_structure" not in dataset.attrs:
+    if kind not in readers or "cost_structure" not in dataset.attrs or "status" not in dataset:
         raise ValueError(f"{path} must be a file that `save` of hybridsens wrote, but is not: open it with xarray.")
     return readers[kind](dataset)
 
 
 def _trajectory(dataset) -> Trajectory:
     array = lambda name: jnp.asarray(dataset[name].values)
-    samples = (array("time"), array("q"), array("v")) if "time" in dataset else (None, None, None)
+    samples = (_times(dataset), array("q"), array("v")) if "time" in dataset else (None, None, None)
     final = State(array("final_q"), array("final_v"))
     cost, mode, event_mode = (_tree(dataset, name, name) for name in ("cost", "scene_mode", "event_mode"))
     events, ended = _events(dataset, event_mode), _how_it_ended(dataset)
@@ -54,17 +54,23 @@ def _trajectory(dataset) -> Trajectory:
 
 
 def _solution(dataset) -> Solution:
-    ts = jnp.asarray(dataset["time"].values) if "time" in dataset else None
+    ts = _times(dataset) if "time" in dataset else None
     x = None if ts is None else _tree(dataset, "x", "x")
     rows = lambda outline, name: jax.tree.map(lambda leaf: _padded(dataset, leaf), _tree(dataset, outline, name))
     events = SolutionEvents(
         _padded(dataset, dataset["event_time"].values, np.inf), _padded(dataset, dataset["event_guard"].values, -1),
         rows("x", "event_before"), rows("x", "event_after"), rows("mode", "event_mode"),
-        jnp.asarray(dataset.sizes["event"]), _names(dataset.attrs),
+        jnp.asarray(dataset["event_count"].values), _names(dataset.attrs),
     )  # fmt: skip
     waiting = jnp.asarray(dataset["waiting"].values)
     final, cost, mode = (_tree(dataset, *names) for names in (("x", "final"), ("cost", "cost"), ("mode", "mode")))
     return Solution(ts, x, final, cost, events, mode, *_how_it_ended(dataset), waiting, None)
+
+
+def _times(dataset) -> Array:
+    """Times of the samples, for each motion of a batch."""
+    times = dataset["time"].values
+    return jnp.asarray(np.broadcast_to(times, (*dataset["status"].shape, times.shape[-1])))
 
 
 def _names(attributes) -> tuple[str, ...] | None:
@@ -87,24 +93,27 @@ def _events(dataset, mode) -> Events:
     return Events(
         padded("event_time", np.inf), padded("event_kind", -1), padded("event_contact", -1), before, after,
         padded("impulse"), padded("closing_speed"), padded("order_matters", False),
-        jnp.asarray(dataset.sizes["event"]), jax.tree.map(lambda leaf: _padded(dataset, leaf), mode),
+        jnp.asarray(dataset["event_count"].values), jax.tree.map(lambda leaf: _padded(dataset, leaf), mode),
     )  # fmt: skip
 
 
 def _padded(dataset, rows, filling: float | int = 0):
-    room, rows = int(dataset.attrs["max_events"]), np.asarray(rows)
-    return jnp.asarray(np.concatenate([rows, np.full((room - len(rows), *rows.shape[1:]), filling, rows.dtype)]))
+    """The rows of events with the room that there was for more; in a batch each motion has its own."""
+    rows, axis = np.asarray(rows), dataset["status"].ndim
+    room = int(dataset.attrs["max_events"]) - rows.shape[axis]
+    blank = np.full((*rows.shape[:axis], room, *rows.shape[axis + 1 :]), filling, rows.dtype)
+    return jnp.asarray(np.concatenate([rows, blank], axis))
 
 
 def _how_it_ended(dataset) -> tuple[Status, Array, Array, Steps]:
-    of_type = dataset["event_time"].dtype
-    end_time, doubt_time = (jnp.asarray(dataset.attrs[f"{name}_time"], of_type) for name in ("end", "doubt"))
-    steps = Steps(*(jnp.asarray(dataset.attrs[f"steps_{name}"]) for name in ("accepted", "rejected")))
-    return _status(dataset.attrs), end_time, doubt_time, steps
+    array = lambda name: jnp.asarray(dataset[name].values)
+    steps = Steps(array("steps_accepted"), array("steps_rejected"))
+    return _status(dataset["status"].values), array("end_time"), array("doubt_time"), steps
 
 
-def _status(attributes) -> Status:
-    name, known = attributes["status"], Status.names()
-    if name not in known:
-        raise ValueError(f"The file is of another version of hybridsens, which has a status {name!r}.")
-    return Status(jnp.asarray(known.index(name), jnp.int32))
+def _status(names: np.ndarray) -> Status:
+    known = Status.names()
+    if unknown := sorted(set(np.ravel(names).tolist()) - set(known)):
+        raise ValueError(f"The file is of another version of hybridsens, which has a status {unknown[0]!r}.")
+    codes = np.array([known.index(name) for name in np.ravel(names)], np.int32)
+    return Status(jnp.asarray(codes.reshape(names.shape)))

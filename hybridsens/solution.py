@@ -11,7 +11,8 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from .export.datasets import ONE_OF_A_BATCH, must_be_one, with_structure, write_netcdf
+from .export.batches import leading, must_be_one, part_of
+from .export.datasets import with_structure, write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.text import preformatted, rows_shown
 from .export.trees import as_text
@@ -81,6 +82,12 @@ class Solution(eqx.Module):
     again: Any = eqx.field(repr=False)
     """The same solve for other `ts`; `evaluate` asks it."""
 
+    def __getitem__(self, index: Any) -> "Solution":
+        """The motions of a batch at `index`: `batch[3]`, `batch[:10]`, `batch[batch.status == Status.successful]`.
+
+        Raises: IndexError outside of the batch; TypeError for one motion."""
+        return part_of(self, index)
+
     def evaluate(self, ts: ArrayLike | Sequence) -> Any:
         """States at times between t0 and t1, a number or an array in any order, as exact as the motion itself.
 
@@ -102,23 +109,27 @@ class Solution(eqx.Module):
 
     def to_xarray(self):
         """An xarray Dataset of all that is here, named by the leaves of the state and of the mode (x.v, event_after.v,
-        event_mode.on), with events in as many rows as there were.
+        event_mode.on), with events in as many rows as there were. A batch has the dimension `run` in front of all
+        others, and rows for the most events of a motion.
 
-        Raises: ImportError without xarray; ValueError for a batch of motions or inside of a JAX transformation."""
+        Raises: ImportError without xarray; ValueError for a batch of more than one axis or inside of a JAX
+        transformation."""
         return solution_dataset(self)
 
     def to_pandas(self):
-        """A pandas DataFrame of the samples, indexed by time. `.events.to_pandas()` is that of the events.
+        """A pandas DataFrame of the samples, indexed by time, of a batch by run and time. `.events.to_pandas()` is
+        that of the events.
 
-        Raises: ImportError without pandas; ValueError for a batch of motions or one without samples."""
+        Raises: ImportError without pandas; ValueError for a batch of more than one axis or a motion without samples."""
         return solution_samples(self)
 
     def save(self, path: str | Path) -> None:
-        """Write all of the motion to a netCDF file (.nc), from which `hybridsens.load` makes the same solution.
+        """Write all of the motion, or of the batch, to a netCDF file (.nc), from which `hybridsens.load` makes the same
+        solution.
 
-        Raises: ImportError without xarray and netCDF4; ValueError for a batch or another ending; TypeError for a state,
-        a mode or a cost that is made of more than dict, list, tuple and arrays."""
-        must_be_one(self.events.count, "save()")
+        Raises: ImportError without xarray and netCDF4; ValueError for a batch of more than one axis or another ending;
+        TypeError for a state, a mode or a cost that is made of more than dict, list, tuple and arrays."""
+        leading(self.events.count, "save()")
         outlined = with_structure(self.to_xarray(), x=self.final, mode=self.mode, cost=self.cost)
         write_netcdf(outlined, path)
 
@@ -128,7 +139,7 @@ class Solution(eqx.Module):
         if isinstance(self.events.count, jax.core.Tracer):
             return "Solution(traced)"
         if np.ndim(self.events.count) > 0:
-            return f"Solution(batch of {np.shape(self.events.count)}; one: {ONE_OF_A_BATCH})"
+            return f"Solution(batch of {np.shape(self.events.count)}; one: batch[i])"
         return "\n".join([*self._head(), *_table(self.events), f"final: {as_text(self.final)}"])
 
     def _head(self):

@@ -1,16 +1,14 @@
-"""What all data sets share: libraries that only the ways out need, how a motion ended, the outline from which a file is
-read back, and the file."""
+"""What all data sets share: libraries that only the ways out need, how motions ended, when they were sampled, the
+outline from which a file is read back, and the file."""
 
 import json
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.core
 import numpy as np
 
+from ..status import Status
 from .one_move import in_one_move
 from .trees import structure
 
@@ -26,16 +24,31 @@ def optional(library: str, wanted_by: str, extra: str = "tables") -> Any:
 
 
 def attributes(kind: str, motion: Any) -> dict[str, Any]:
-    """Attributes of a data set: what it holds, status, work, room for events."""
-    return {
-        "hybridsens": kind,
-        "status": motion.status.name,
-        "end_time": float(motion.end_time),
-        "doubt_time": float(motion.doubt_time),
-        "steps_accepted": int(motion.steps.accepted),
-        "steps_rejected": int(motion.steps.rejected),
-        "max_events": motion.events.time.shape[0],
+    """Attributes of a data set: what it holds, room for events."""
+    return {"hybridsens": kind, "max_events": motion.events.time.shape[-1]}
+
+
+def how_it_ended(motion: Any, lead: tuple[str, ...]) -> dict[str, tuple]:
+    """Name -> (dimensions, array) of status, end and work, and of how many events there were."""
+    numbers = {
+        "end_time": motion.end_time,
+        "doubt_time": motion.doubt_time,
+        "steps_accepted": motion.steps.accepted,
+        "steps_rejected": motion.steps.rejected,
+        "event_count": motion.events.count,
     }
+    names = np.array(Status.names())[np.asarray(motion.status.code)]
+    return {"status": (lead, names), **{name: (lead, np.asarray(number)) for name, number in numbers.items()}}
+
+
+def sample_axes(ts: Any, lead: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, tuple]]:
+    """Dimensions of samples, and the coordinate of their times: (time) where all motions have the same, else (run,
+    sample)."""
+    ts = np.asarray(ts)
+    if lead and (ts == ts[0]).all():
+        ts = ts[0]
+    of_times = ("time",) if ts.ndim == 1 else (*lead, "sample")
+    return (*lead, of_times[-1]), {"time": (of_times, ts)}
 
 
 def with_structure(dataset, **trees: Any):
@@ -45,34 +58,6 @@ def with_structure(dataset, **trees: Any):
     return dataset.assign_attrs(
         {f"{name}_structure": json.dumps(structure(name, tree)) for name, tree in trees.items()}
     )
-
-
-ONE_OF_A_BATCH = "jax.tree.map(lambda leaf: leaf[i], batch)"
-"""How a motion is taken out of a batch."""
-
-
-def must_be_one(count, wanted_by: str) -> None:
-    """Raise ValueError for a batch of motions, or one whose numbers are not known yet."""
-    _must_be_known(count, wanted_by)
-    if np.ndim(count) > 0:
-        raise ValueError(
-            f"{wanted_by} must be called on one motion, but this is a batch of {np.shape(count)}: take one of it by "
-            f"{ONE_OF_A_BATCH}."
-        )
-
-
-def _must_be_known(count, wanted_by: str) -> None:
-    if isinstance(count, jax.core.Tracer):
-        raise ValueError(f"{wanted_by} must be called outside of jax.jit, jax.grad and jax.vmap, on what they return.")
-
-
-def of_each_run(events: Any, table: Callable[[Any], Any]):
-    """The tables of all motions in a batch below each other, with an index (run, event)."""
-    _must_be_known(events.count, "to_pandas()")
-    pandas = optional("pandas", "to_pandas()")
-    on_host = jax.tree.map(np.asarray, events)
-    tables = [table(jax.tree.map(lambda leaf, run=run: leaf[run], on_host)) for run in range(on_host.count.size)]
-    return pandas.concat(tables, keys=range(len(tables)), names=["run", "event"])
 
 
 def must_have_samples(motion: Any, made_by: str) -> None:

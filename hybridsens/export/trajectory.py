@@ -1,12 +1,13 @@
-"""A motion of a scene as an xarray Dataset that holds all of it, without padding, and as tables for pandas."""
+"""Motions of a scene as an xarray Dataset that holds all of them, without padding, and as tables for pandas."""
 
 from typing import Any
 
 import numpy as np
 
-from .datasets import attributes, must_be_one, must_have_samples, of_each_run, optional
+from .batches import happened, leading, must_be_known, of_each_run
+from .datasets import attributes, how_it_ended, must_have_samples, optional, sample_axes
 from .names import contact_names, coordinate_names, must_differ, unit_of_contact
-from .trees import named_leaves, variables
+from .trees import variables
 
 KINDS = "impact capture release switch"
 """Meanings of 0, 1, 2, 3 in `event_kind`."""
@@ -14,53 +15,54 @@ KINDS = "impact capture release switch"
 
 def motion_dataset(motion: Any, scene: Any):
     """As `Trajectory.to_xarray`: samples over `time`, events over `event`, the final state, the cost."""
-    must_be_one(motion.events.count, "to_xarray()")
+    lead = leading(motion.events.count, "to_xarray()")
     xarray = optional("xarray", "to_xarray()")
-    q_names, v_names = coordinate_names(scene, motion.final.q.shape[0])
-    contacts = contact_names(scene, motion.mode.shape[0])
-    coords = {"coordinate": ("coordinate", q_names), "velocity": ("velocity", v_names), "contact": contacts}
+    q_names, v_names = coordinate_names(scene, motion.final.q.shape[-1])
+    contacts = contact_names(scene, motion.mode.shape[-1])
+    coords: dict[str, Any] = {"coordinate": q_names, "velocity": v_names, "contact": contacts}
     columns = {
-        "final_q": ("coordinate", motion.final.q, {"long_name": "configuration at the end"}),
-        "final_v": ("velocity", motion.final.v, {"long_name": "velocity at the end"}),
-        "closed": ("contact", motion.mode, {"long_name": "contacts held closed at the end"}),
-        **_events(motion.events, scene),
-        **variables("cost", motion.cost),
-        **variables("scene_mode", motion.scene_mode),
+        "final_q": ((*lead, "coordinate"), motion.final.q, {"long_name": "configuration at the end"}),
+        "final_v": ((*lead, "velocity"), motion.final.v, {"long_name": "velocity at the end"}),
+        "closed": ((*lead, "contact"), motion.mode, {"long_name": "contacts held closed at the end"}),
+        **how_it_ended(motion, lead),
+        **_events(happened(motion.events), scene, lead),
+        **variables("cost", motion.cost, *lead),
+        **variables("scene_mode", motion.scene_mode, *lead),
     }
     if motion.ts is not None:
-        coords["time"] = ("time", np.asarray(motion.ts), {"units": "s"})
-        columns["q"] = (("time", "coordinate"), motion.q)
-        columns["v"] = (("time", "velocity"), motion.v)
-    n = int(motion.events.count)
-    for name, value in named_leaves("event_mode", motion.events.mode).items():
-        columns[name] = (["event", *(f"{name}_{axis}" for axis in range(value.ndim - 1))], value[:n])
+        axes, times = sample_axes(motion.ts, lead)
+        coords |= {name: (*time, {"units": "s"}) for name, time in times.items()}
+        columns |= {"q": ((*axes, "coordinate"), motion.q), "v": ((*axes, "velocity"), motion.v)}
     arrays = {name: (dims, np.asarray(value), *more) for name, (dims, value, *more) in columns.items()}
     return xarray.Dataset(arrays, coords, attributes("trajectory", motion))
 
 
-def _events(events, scene) -> dict[str, tuple]:
+def _events(events, scene, lead: tuple[str, ...]) -> dict[str, tuple]:
     """Rows of the events that there were."""
-    n = int(events.count)
+    row = (*lead, "event")
     in_unit = lambda unit: {"units": unit} if unit_of_contact(scene, unit) else {}
     kinds = {"flag_values": np.arange(4), "flag_meanings": KINDS}
     return {
-        "event_time": ("event", events.time[:n], {"units": "s"}),
-        "event_kind": ("event", events.kind[:n], kinds),
-        "event_contact": ("event", events.contact[:n], {"long_name": "number of the gap, or of the switch"}),
-        "event_q_before": (("event", "coordinate"), events.before.q[:n]),
-        "event_v_before": (("event", "velocity"), events.before.v[:n]),
-        "event_q_after": (("event", "coordinate"), events.after.q[:n]),
-        "event_v_after": (("event", "velocity"), events.after.v[:n]),
-        "impulse": (("event", "contact"), events.impulse[:n], in_unit("N s")),
-        "closing_speed": ("event", events.closing_speed[:n], in_unit("m/s")),
-        "order_matters": ("event", events.order_matters[:n]),
+        "event_time": (row, events.time, {"units": "s"}),
+        "event_kind": (row, events.kind, kinds),
+        "event_contact": (row, events.contact, {"long_name": "number of the gap, or of the switch"}),
+        "event_q_before": ((*row, "coordinate"), events.before.q),
+        "event_v_before": ((*row, "velocity"), events.before.v),
+        "event_q_after": ((*row, "coordinate"), events.after.q),
+        "event_v_after": ((*row, "velocity"), events.after.v),
+        "impulse": ((*row, "contact"), events.impulse, in_unit("N s")),
+        "closing_speed": (row, events.closing_speed, in_unit("m/s")),
+        "order_matters": (row, events.order_matters),
+        **variables("event_mode", events.mode, *row),
     }
 
 
 def samples_frame(motion: Any, scene: Any):
     """As `Trajectory.to_pandas`: one row for each sample; columns are coordinates, then velocities."""
-    must_be_one(motion.events.count, "to_pandas()")
     must_have_samples(motion, "simulate")
+    if np.ndim(motion.events.count) > 0:
+        return of_each_run(motion, motion.events.count, lambda one: samples_frame(one, scene))
+    must_be_known(motion.events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     q_names, v_names = coordinate_names(scene, motion.final.q.shape[0])
     index = pandas.Index(np.asarray(motion.ts), name="time [s]")
@@ -71,9 +73,9 @@ def events_frame(events: Any, scene: Any):
     """As `Events.to_pandas`: one row for each event that there was.
 
     Raises: ValueError for a coordinate with the name of a column, such as kind."""
-    if np.ndim(events.count) == 1:
-        return of_each_run(events, lambda one: events_frame(one, scene))
-    must_be_one(events.count, "to_pandas()")
+    if np.ndim(events.count) > 0:
+        return of_each_run(events, events.count, lambda one: events_frame(one, scene))
+    must_be_known(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     n = int(events.count)
     contact = np.asarray(events.contact[:n])

@@ -13,7 +13,8 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..export.datasets import ONE_OF_A_BATCH, must_be_one, with_structure, write_netcdf
+from ..export.batches import leading, must_be_one, part_of
+from ..export.datasets import with_structure, write_netcdf
 from ..export.text import paragraph, preformatted, table
 from ..export.trajectory import events_frame, motion_dataset, samples_frame
 from ..export.trees import as_text
@@ -97,6 +98,12 @@ class Trajectory(eqx.Module):
     scene_mode: Any = None
     """Mode of a scene with switches at the end; None for others."""
 
+    def __getitem__(self, index: Any) -> "Trajectory":
+        """The motions of a batch at `index`: `batch[3]`, `batch[:10]`, `batch[batch.status == Status.successful]`.
+
+        Raises: IndexError outside of the batch; TypeError for one motion."""
+        return part_of(self, index)
+
     def evaluate(self, ts: ArrayLike | Sequence) -> State:
         """States at other times between t0 and t1, a number or an array in any order, as exact as the motion itself.
 
@@ -148,22 +155,26 @@ class Trajectory(eqx.Module):
     def to_xarray(self):
         """An xarray Dataset of all that is here, with events in as many rows as there were.
 
-        Coordinates are named as the scene's `coordinates`, contacts as its `contacts`, if it has them.
-        Raises: ImportError without xarray; ValueError for a batch of motions or inside of a JAX transformation."""
+        Coordinates are named as the scene's `coordinates`, contacts as its `contacts`, if it has them. A batch has the
+        dimension `run` in front of all others, and rows for the most events of a motion.
+        Raises: ImportError without xarray; ValueError for a batch of more than one axis or inside of a JAX
+        transformation."""
         return motion_dataset(self, self._scene)
 
     def to_pandas(self):
-        """A pandas DataFrame of the samples, indexed by time. `.events.to_pandas()` is that of the events.
+        """A pandas DataFrame of the samples, indexed by time, of a batch by run and time. `.events.to_pandas()` is
+        that of the events.
 
-        Raises: ImportError without pandas; ValueError for a batch of motions or one without samples."""
+        Raises: ImportError without pandas; ValueError for a batch of more than one axis or a motion without samples."""
         return samples_frame(self, self._scene)
 
     def save(self, path: str | Path) -> None:
-        """Write all of the motion to a netCDF file (.nc), from which `hybridsens.load` makes the same trajectory.
+        """Write all of the motion, or of the batch, to a netCDF file (.nc), from which `hybridsens.load` makes the same
+        trajectory.
 
-        Raises: ImportError without xarray and netCDF4; ValueError for a batch or another ending; TypeError for a cost
-        or a mode that is made of more than dict, list, tuple and arrays."""
-        must_be_one(self.events.count, "save()")
+        Raises: ImportError without xarray and netCDF4; ValueError for a batch of more than one axis or another ending;
+        TypeError for a cost or a mode that is made of more than dict, list, tuple and arrays."""
+        leading(self.events.count, "save()")
         trees = dict(cost=self.cost, scene_mode=self.scene_mode, event_mode=self.events.mode)
         write_netcdf(with_structure(self.to_xarray(), **trees), path)
 
@@ -203,7 +214,7 @@ class Trajectory(eqx.Module):
         if isinstance(self.final.q, jax.core.Tracer):
             return f"Trajectory(traced, final q of shape {self.final.q.shape})"
         if np.ndim(self.events.count) > 0:
-            return f"Trajectory(batch of {np.shape(self.events.count)}; one: {ONE_OF_A_BATCH})"
+            return f"Trajectory(batch of {np.shape(self.events.count)}; one: batch[i])"
         return "\n".join([*self._head(), *event_table(self.events), f"final: {state_text(self.final)}"])
 
     def _head(self):

@@ -103,7 +103,7 @@ def test_a_data_set_holds_all_of_a_motion(motion):
     balls = motion.events.impulse[: int(motion.events.count), 1]
     np.testing.assert_array_equal(dataset.impulse.sel(contact="balls"), balls)
     assert dataset["cost.both.1"].values.tolist() == motion.cost["both"][1].tolist()
-    assert dataset.attrs["status"] == "successful"
+    assert dataset.status == "successful"
 
 
 @pytest.mark.parametrize("sampled", [True, False])
@@ -204,15 +204,9 @@ def test_other_times_are_as_exact_as_the_motion(motion):
 
 
 def test_a_motion_that_lost_its_scene_says_so(motion):
-    """One that was taken out of a batch has its numbers and no more."""
+    """One that JAX made anew has its numbers and no more."""
     with pytest.raises(ValueError, match="Pass `ts=`"):
         jax.tree.map(lambda leaf: leaf, motion).evaluate(0.5)
-    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), motion)
-    for way in (batch.to_xarray, batch.to_pandas, jax.tree.map(lambda leaf: jnp.stack([leaf]), batch).events.to_pandas):
-        with pytest.raises(ValueError, match="batch of"):
-            way()
-    with pytest.raises(ValueError, match=r"^save\(\) must be called on one motion"):
-        batch.save("none.nc")
 
 
 def test_names_must_be_as_many_as_there_are():
