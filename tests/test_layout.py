@@ -51,7 +51,7 @@ MAY_IMPORT = {
     "scenes": {"mechanics", "planar"},
     "systems": {"system"},
     "planar": set(),
-    "plot": {"mechanics", "numerics", "export", "outcome", "solution"},
+    "plot": {"mechanics", "numerics", "export", "outcome", "solution", "delays", "validation"},
     "parameters": {"validation"},
     "comparison": CORE,
     "estimation": CORE,

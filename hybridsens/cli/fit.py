@@ -1,6 +1,7 @@
 """`hybridsens fit`: parameters of a scene from a CSV file."""
 
 import functools
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,7 +9,7 @@ from typing import Annotated, Any
 import jax.numpy as jnp
 import typer
 
-from ..parameters import parameter_places
+from ..parameters import parameter_places, split_name
 from ..validation.spelling import did_you_mean
 from .models import HELP, complete, startable
 from .options import Json, by_name, file_to_write, picture_to_write, print_json
@@ -17,7 +18,7 @@ from .options import Json, by_name, file_to_write, picture_to_write, print_json
 def fit(
     scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)],
     data: Annotated[Path, typer.Option(help="CSV file with a header: t, then columns q0, v0, ...; sigma_q0, ...")],
-    parameters: Annotated[str, typer.Option(help="What to fit: a,b,...")],
+    parameters: Annotated[str, typer.Option(help="What to fit: a,b[0],...")],
     time: Annotated[str, typer.Option(help="The column of times. Default: t or time.")] = "",
     columns: Annotated[str, typer.Option(help="Columns to use: q0,v0,... Default: all.")] = "",
     guess: Annotated[list[str] | None, typer.Option(help="NAME=VALUE, the scene's default otherwise.")] = None,
@@ -119,7 +120,7 @@ def _guess(text: str) -> tuple[str, list[float]]:
 
 
 def _known(name: str, known: list[str]) -> str:
-    if name not in known:
+    if name not in known and split_name(name)[0] not in known:
         raise typer.BadParameter(
             f"a guess must have a name among {', '.join(known)}, but has {name!r}.{did_you_mean(name, known)}"
         )
@@ -138,4 +139,5 @@ def _bound(text: str) -> tuple[str, Any]:
 
 
 def _split(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
+    """The names in a list; a comma in the brackets of mass[0, 1] parts none."""
+    return [part.strip() for part in re.split(r",(?![^\[]*\])", text) if part.strip()]

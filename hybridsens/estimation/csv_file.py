@@ -8,27 +8,30 @@ import numpy as np
 
 _EMPTY = {"", "na", "n/a", "null"}
 """What programs write where a number is missing."""
-_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+_SEPARATORS = ";\t|"
+"""What may stand in the place of commas between columns; these may then be those of decimal numbers."""
 
 
 def read_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns of a CSV file with a header; cells that are empty, or NA or null, are NaN; lines that start with # are
-    comments.
+    comments. Columns are parted by commas, semicolons, tabs or bars; where not by commas, numbers may be 1,5 for 1.5.
 
     Raises: FileNotFoundError if there is none; ValueError, naming the file, if it is a folder, is not UTF-8, has other
-    separators than commas, two columns of one name or a column of none, or a cell that is no number.
+    separators, two columns of one name or a column of none, or a cell that is no number.
     """
     lines = [line for line in _text(path).splitlines() if line.strip() and line[0] != "#"]
     if len(lines) < 2:
         has = f"{len(lines)} line{'' if len(lines) == 1 else 's'}"
         raise ValueError(f"{path} must have a header and at least one row, but has {has}.")
-    header, *rows = csv.reader(lines, skipinitialspace=True)
+    separator = _separator(path, lines[0])
+    header, *rows = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     header = [name.strip() for name in header]
-    _check_separator(path, header)
     _check_named(path, header)
     check_different(header, str(path))
+    rows = _full(path, header, rows)
+    rows = rows if separator == "," else _with_points(path, rows)
     cells = [[_number(path, n, name, cell) for name, cell in zip(header, row, strict=True)]
-             for n, row in enumerate(_full(path, header, rows))]  # fmt: skip
+             for n, row in enumerate(rows)]  # fmt: skip
     return dict(zip(header, np.array(cells).T, strict=True))
 
 
@@ -72,21 +75,33 @@ def _not_utf8(path: Path, raw: bytes) -> str:
     )
 
 
-def _check_separator(path: Path, header: list[str]) -> None:
-    """A header of one cell has no commas: say what it has instead."""
-    found = next((mark for mark in _SEPARATORS if mark in header[0]), None)
-    if len(header) == 1 and found is not None:
+def _separator(path: Path, header: str) -> str:
+    """The comma; where the header has none, what it has instead. Raises: ValueError for spaces."""
+    found = next((mark for mark in _SEPARATORS if mark in header), ",")
+    if "," not in header and found == "," and " " in header.strip():
         raise ValueError(
-            f"{path} must have commas between its columns, but has {_SEPARATORS[found]}: {header[0]!r}. Replace them, "
-            f"and decimal commas by points; or give the table that pandas.read_csv(path, sep={found!r}) reads."
+            f"{path} must have commas, semicolons or tabs between its columns, but has spaces: {header!r}. Replace "
+            f'them, or give the table that pandas.read_csv(path, sep=r"\\s+") reads.'
         )
+    return "," if "," in header else found
+
+
+def _with_points(path: Path, rows: list[list[str]]) -> list[list[str]]:
+    """Decimal commas as points. Raises: ValueError where there are both, so that commas may part thousands."""
+    with_comma, with_point = (next((cell for row in rows for cell in row if mark in cell), None) for mark in ",.")
+    if with_comma is not None and with_point is not None:
+        raise ValueError(
+            f"{path} must have numbers with points or numbers with commas, but has {with_point!r} and {with_comma!r}: "
+            "write all of them with points, and no mark between thousands."
+        )
+    return [[cell.replace(",", ".") for cell in row] for row in rows]
 
 
 def _check_named(path: Path, header: list[str]) -> None:
     if "" in header:
         raise ValueError(
             f"{path} must have a name for each column, but has an unnamed column in {','.join(header)!r}: name it, or "
-            "remove the comma that is too many, in the rows too."
+            "remove the separator that is too many, in the rows too."
         )
 
 
@@ -94,7 +109,7 @@ def _full(path: Path, header: list[str], rows: list[list[str]]) -> list[list[str
     for n, row in enumerate(rows):
         if len(row) != len(header):
             too_many = len(row) > len(header) and not row[-1].strip()
-            empty = ", the last one empty: remove the comma at its end" if too_many else ""
+            empty = ", the last one empty: remove the separator at its end" if too_many else ""
             raise ValueError(
                 f"{path}: row {n} (counted from 0) must have {len(header)} cells, but has {len(row)}{empty}."
             )

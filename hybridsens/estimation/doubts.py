@@ -8,6 +8,7 @@ from scipy import stats
 
 from ..system import AbstractHybridSystem
 from .cells import rows_told
+from .descend import UNFINISHED
 
 _BARELY = 0.9
 """Residuals larger than this part of the data's spread leave less than a fifth of its variance to the model."""
@@ -20,7 +21,13 @@ _EXACT = 1e-6
 
 
 def doubts(result: Any) -> Iterator[str]:
-    """What speaks against the intervals: events that are missing, residuals that are no noise of the sigmas given."""
+    """What speaks against the intervals: that there is no minimum, events that are missing, residuals that are no noise
+    of the sigmas given."""
+    if result.stopped in UNFINISHED:
+        yield (
+            "it did not converge, and standard errors and intervals are those of a minimum: where it stopped they may "
+            "be far too narrow"
+        )
     if result.uncertainty.exact:
         yield (
             "residuals are zero to rounding and no sigmas were given, so nothing tells how uncertain the data are, and "

@@ -71,7 +71,7 @@ def fit(
     - `scene`: the model; its present parameters are the guess.
     - `data`: a CSV file, a pandas or xarray table, a mapping, (times, values), or `Measurements`; see
       `read_measurements`.
-    - `parameters`: names of the fields that are fitted (["stiffness", "arm.length"]), or one name; default all.
+    - `parameters`: names of what is fitted (["stiffness", "arm.length", "masses[0]"]), or one name; default all.
     - `observe`: `observe(scene, t, q, v)` or `observe(system, t, x)` -> (observation,), or a list of scalars, or a
       mapping of column names to scalars; default: the scene's method `observe(t, q, v)`, a system's `observe(t, x)`;
       without one, columns are named after the state, q0, v0, ..., as the scene's `coordinates` and their rates, or

@@ -1,4 +1,4 @@
-"""Which leaves of a scene are fitted, and how bounds are kept: by a transformation, so that no optimizer sees them.
+"""Which numbers of a scene are fitted, and how bounds are kept: by a transformation, so that no optimizer sees them.
 
 An unknown z in R stands for each fitted value p:
 
@@ -8,8 +8,9 @@ An unknown z in R stands for each fitted value p:
 The sine stays steep near its ends; a logistic curve flattens there, and a guess near a bound then takes many steps.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..parameters import entry_names, parameter_places
+from ..parameters import check_names, entry_names, parameter_places, split_name
 from ..validation.arguments import as_real, by_name, pair
 from ..validation.spelling import did_you_mean
 
@@ -27,15 +28,29 @@ _INSIDE = 1e-6
 """Where a guess on its bound begins, as a part of its size, or of the distance of two bounds."""
 
 
+class Part(NamedTuple):
+    """One name among the fitted ones."""
+
+    position: int
+    """Which leaf of the flattened scene it is of."""
+    index: tuple[int, ...]
+    """Which entry of it; () for all."""
+    shape: tuple[int, ...]
+    """Of the numbers."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return int(np.prod(self.shape))
+
+
 class Selection(eqx.Module):
     """The fitted entries of a scene, as one vector."""
 
     labels: tuple[str, ...] = eqx.field(static=True)
     """One for each fitted number; entries of an array are name[0], name[1], ..."""
-    positions: tuple[int, ...] = eqx.field(static=True)
-    """Which leaves of the flattened scene are fitted."""
-    shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
-    """Shapes of those leaves."""
+    parts: tuple[Part, ...] = eqx.field(static=True)
+    """Arrays or entries of them, in the order of the labels."""
     lower: Float[Array | np.ndarray, "parameter"]
     """Lower bounds, -inf where there is none."""
     upper: Float[Array | np.ndarray, "parameter"]
@@ -46,16 +61,17 @@ class Selection(eqx.Module):
     def values(self, scene) -> Float[Array, "parameter"]:
         """The fitted numbers of a scene."""
         leaves = jax.tree.leaves(scene)
-        return jnp.concatenate([jnp.ravel(leaves[position]) for position in self.positions])
+        return jnp.concatenate([jnp.ravel(leaves[part.position][part.index]) for part in self.parts])
 
     def insert(self, scene, values: Float[Array, "parameter"]):
         """The scene with other numbers in the fitted places."""
         leaves, tree = jax.tree.flatten(scene)
         start = 0
-        for position, shape in zip(self.positions, self.shapes, strict=True):
-            size = int(np.prod(shape))
-            leaves[position] = values[start : start + size].reshape(shape).astype(leaves[position].dtype)
-            start += size
+        for part in self.parts:
+            new = values[start : start + part.size].reshape(part.shape)
+            leaf = leaves[part.position]
+            leaves[part.position] = new.astype(leaf.dtype) if part.index == () else leaf.at[part.index].set(new)
+            start += part.size
         return tree.unflatten(leaves)
 
     def to_values(self, z: Float[Array, "parameter"]) -> Float[Array, "parameter"]:
@@ -83,7 +99,8 @@ class Selection(eqx.Module):
 def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None = None) -> Selection:
     """The parameters with these names (None: all; a string: that one), within these bounds.
 
-    Raises: ValueError for a name that the scene does not have, a name given twice, bounds in the wrong order, or a
+    Names are those of whole arrays, `mass`, or of entries, `mass[0]`; so are those of bounds.
+    Raises: ValueError for a name that the scene does not have, a number named twice, bounds in the wrong order, or a
     guess that does not lie within its bounds.
     """
     known = parameter_places(scene)
@@ -94,18 +111,18 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
     if values:
         raise TypeError(f"`parameters` must be names, such as {next(iter(known), 'name')!r}, but has {values[0]!r}.")
     bounds = by_name("bounds", bounds)
-    _check_names("`parameters`", names, list(known))
-    _check_names("`bounds`", list(bounds), names)
+    _check_names("`parameters`", [name if name in known else _of_entry(scene, name) for name in names], list(known))
     leaves = jax.tree.leaves(scene)
-    positions = tuple(known[name] for name in names)
-    shapes = tuple(tuple(np.shape(leaves[position])) for position in positions)
-    labels = [label for name, shape in zip(names, shapes, strict=True) for label in entry_names(name, shape)]
-    sizes = [int(np.prod(shape)) for shape in shapes]
-    ends = [_ends(name, bounds.get(name)) for name in names]
-    lower, upper = (np.repeat([end[side] for end in ends], sizes).astype(float) for side in (0, 1))
-    guess = np.concatenate([np.ravel(np.asarray(leaves[position])) for position in positions])
+    parts = tuple(_part(name, known, leaves) for name in names)
+    entries = [_labels(name, part) for name, part in zip(names, parts, strict=True)]
+    labels = [label for of_part in entries for label in of_part]
+    _check_names("`bounds`", list(bounds), list(dict.fromkeys([*names, *labels])))
+    _check_once(labels)
+    whole = {label: bounds.get(name) for name, of_part in zip(names, entries, strict=True) for label in of_part}
+    lower, upper = np.array([_ends(label, bounds.get(label, whole[label])) for label in labels], float).T
+    guess = np.concatenate([np.ravel(np.asarray(leaves[part.position])[part.index]) for part in parts])
     scale = np.where(guess == 0, 1.0, np.abs(guess))
-    selection = Selection(tuple(labels), positions, shapes, lower, upper, scale)
+    selection = Selection(tuple(labels), parts, lower, upper, scale)
     check_inside("guess", selection, guess)
     return selection
 
@@ -118,8 +135,37 @@ def _check_names(what: str, names: list[str], known: list[str]) -> None:
         if len(several) > 1 and set(several) <= set(known):
             meant = f" Give a list: {several}."
         raise ValueError(f"{what} must have names among {known}, but has {unknown}.{meant}")
-    if not names and what == "`parameters`" or len(set(names)) != len(names):
+    if not names and what == "`parameters`":
         raise ValueError(f"{what} must have each name once and at least one, but has {names}.")
+
+
+def _check_once(labels: list[str]) -> None:
+    """Raises: ValueError for a number that is named twice, by itself or as one of an array."""
+    twice = [label for label, count in Counter(labels).items() if count > 1]
+    if twice:
+        raise ValueError(f"`parameters` must have each name once, but has {twice[0]!r} more than once.")
+
+
+def _of_entry(scene, name: str) -> str:
+    """The array that `mass[0]` names an entry of. Raises: ValueError where it has no such entry."""
+    leaf, index = split_name(name)
+    if index is None or leaf not in parameter_places(scene):
+        return name
+    check_names(scene, [name])
+    return leaf
+
+
+def _part(name: str, known: Mapping[str, int], leaves: list[Any]) -> Part:
+    leaf, index = (name, None) if name in known else split_name(name)
+    shape = np.shape(leaves[known[leaf]])
+    return Part(known[leaf], (), shape) if index is None else Part(known[leaf], index, ())
+
+
+def _labels(name: str, part: Part) -> list[str]:
+    """Of its numbers; that of an entry is written as in `entry_names`."""
+    if part.index == ():
+        return entry_names(name, part.shape)
+    return [f"{split_name(name)[0]}[{', '.join(map(str, part.index))}]"]
 
 
 def _ends(name: str, bound: Any) -> tuple[float, float]:

@@ -46,6 +46,6 @@ def with_sizes(method: Method | Growing, problem: FitProblem, data: Measurements
 
 def _of_arrays(problem: FitProblem, effect) -> Float[np.ndarray, "parameter"]:
     """The largest of each array, in the place of all its entries."""
-    sizes = [int(np.prod(shape)) for shape in problem.selection.shapes]
+    sizes = [part.size for part in problem.selection.parts]
     parts = np.split(effect, np.cumsum(sizes)[:-1])
     return np.concatenate([np.full(part.size, np.max(part, initial=0)) for part in parts])

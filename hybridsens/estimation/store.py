@@ -88,8 +88,7 @@ def study_digest(problem: FitProblem, measured: Measurements) -> str:
 
     The guess is not in it, nor bounds, priors and settings: a fit may go on under others. Functions are not compared.
     """
-    fitted = set(problem.selection.positions)
-    fixed = [leaf for place, leaf in enumerate(jax.tree.leaves(problem.scene)) if place not in fitted]
+    fixed = jax.tree.leaves(problem.selection.insert(problem.scene, jnp.zeros(len(problem.selection.labels))))
     names = problem.selection.labels, measured.names, tuple(_kinds_and_constants(problem.scene))
     digest = hashlib.sha256(repr(names).encode())
     for leaf in jax.tree.leaves((measured, fixed, problem.start, problem.t0)):

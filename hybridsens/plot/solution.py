@@ -1,5 +1,6 @@
 """The picture of a hybrid system's motion over time: states, modes, events."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -7,8 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from ..delays import DelayQueue
 from ..export.trees import named_leaves
 from ..solution import Solution
+from ..validation.spelling import did_you_mean
 from .figure import legend_above, line, new_figure, solution_times, whole_ticks
 
 MOST = 8
@@ -21,23 +24,25 @@ FEW = 3
 """Numbers in the mode that never exceed this share a panel: a counter among them would flatten the others."""
 
 
-def plot_solution(solution: Solution) -> Figure:
+def plot_solution(solution: Solution, leaves: Sequence[str] | None = None) -> Figure:
     """A panel for each leaf of the state, one for the small numbers in the mode, one for each other number there, one
     with a tick for each event.
 
-    Arguments: a solution with samples (`ts=`), which should be dense.
-    Returns: the figure. Raises: ValueError if the solution has no samples or is a batch; TypeError for a motion of
-    `simulate`.
+    Arguments: a solution with samples (`ts=`), which should be dense; names of the leaves to draw, as the panels have
+    them, ["x.level", "mode.on"] (default: all but the places of a `DelayQueue`).
+    Returns: the figure. Raises: ValueError if the solution has no samples, no leaf of a name, or is a batch; TypeError
+    for a motion of `simulate`.
     """
     solution_times(solution)
-    figure = new_figure((8, 1.2 + 1.6 * (len(_rows("x", solution.x)) + len(_modes(solution)) + 1)))
-    draw_solution(solution, figure)
+    states, modes = _chosen(solution, leaves)
+    figure = new_figure((8, 1.2 + 1.6 * (len(states) + len(modes) + 1)))
+    draw_solution(solution, figure, leaves)
     return figure
 
 
-def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
+def draw_solution(solution: Solution, figure: Figure | SubFigure, leaves: Sequence[str] | None = None) -> None:
     """The same in a part of a figure."""
-    states, modes = _rows("x", solution.x), _modes(solution)
+    states, modes = _chosen(solution, leaves)
     panels = len(states) + len(modes) + 1
     axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
     seen = _events_between_samples(solution)
@@ -50,6 +55,21 @@ def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
         _draw_modes(panel, solution, together)
     _draw_events(axes[-1], solution)
     axes[-1].set_xlabel("time")
+
+
+def _chosen(solution: Solution, leaves: Sequence[str] | None) -> tuple[dict, list[dict]]:
+    """What is drawn of the state, and of the mode by panels. Raises: ValueError for a leaf that there is not."""
+    states, modes = _rows("x", solution.x), _modes(solution)
+    if leaves is None:
+        return states, modes
+    known = [*states, *(name for together in modes for name in together)]
+    if unknown := [name for name in leaves if name not in known]:
+        raise ValueError(
+            f"`leaves` must have names among {', '.join(known)}, but has {', '.join(map(str, unknown))}."
+            f"{did_you_mean(unknown, known)}"
+        )
+    kept = [{name: rows for name, rows in together.items() if name in leaves} for together in modes]
+    return {name: states[name] for name in leaves if name in states}, [together for together in kept if together]
 
 
 def _events_between_samples(solution: Solution) -> np.ndarray:
@@ -79,10 +99,16 @@ def _modes(solution: Solution) -> list[dict[str, np.ndarray]]:
     count = int(solution.events.count)
     joined = lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)[:count]])
     modes = jax.tree.map(joined, solution.again.initial_mode(), solution.events.mode)
+    modes = jax.tree.map(lambda part: None if _is_queue(part) else part, modes, is_leaf=_is_queue)
     drawn = {name: leaf for name, leaf in _rows("mode", modes).items() if leaf.shape[1] == 1}
     few = {name: leaf for name, leaf in drawn.items() if np.abs(leaf.astype(float)).max() <= FEW}
     alone = [{name: leaf} for name, leaf in drawn.items() if name not in few]
     return [few, *alone] if few else alone
+
+
+def _is_queue(part: Any) -> bool:
+    """Whether it is the book-keeping of what is still to come."""
+    return isinstance(part, DelayQueue)
 
 
 def _draw(axes: Axes, t, values, name: str) -> None:

@@ -47,7 +47,8 @@ def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
 
     nu_i = E[(dJ/dp_i)^2],   T_i <= nu_i (b_i - a_i)^2 / (pi^2 Var(J))        (Sobol and Kucherenko 2009, theorem 2)
 
-    for p uniform in the box [a, b]. The bound needs a J without jumps over the box: look at `event_sequence`.
+    for p uniform in the box [a, b]. The bound needs a J without jumps over the box: a word tells where points differ in
+    their sequence of events, at whose borders J may jump.
     Arguments: the result of a sweep over a `random`, `latin_hypercube`, `sobol` or `saltelli` design, with gradient.
     Points without a J or without a gradient (at grazing) are left out, with a warning.
     Raises: ValueError for points that were not drawn from a box, a sweep without gradient, or a J that is the same at
@@ -62,6 +63,7 @@ def dgsm(dataset: "xr.Dataset") -> "xr.Dataset":
             "they graze, gradients nearby are large, and the bounds come out too low."
         )
     _check_varies("J", dataset.J.values[good])
+    _warn_of_borders(dataset, good)
     variance = np.var(dataset.J.values[good])
     squares = np.mean(derivatives[:, good] ** 2, axis=1)
     widths = np.array([dataset[name].attrs["highest"] - dataset[name].attrs["lowest"] for name in names])
@@ -97,6 +99,16 @@ def _check_blocks(dataset, names: list[str]) -> None:
         raise ValueError(
             f"The points must be all those of the `saltelli` design in its order, but the {points.shape[1]} points are "
             "not: some are missing or in other places. Give the Dataset as `sweep` returned it."
+        )
+
+
+def _warn_of_borders(dataset, good: np.ndarray) -> None:
+    """Tell where the points have several sequences of events: no derivative shows a jump between two of them."""
+    sequences = np.unique(dataset.event_sequence.values[good]).size if "event_sequence" in dataset else 1
+    if sequences > 1:
+        warn_caller(
+            f"The points have {sequences} sequences of events. If J jumps where one becomes another, its derivatives "
+            "do not show it and the bounds come out too low: `sobol_indices` of a `saltelli` design see jumps too."
         )
 
 

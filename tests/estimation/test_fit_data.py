@@ -101,7 +101,7 @@ def test_what_could_be_read_in_two_ways():
     [
         ("Time,q0\n0.1,1\n", "times \"t\" or \"time\" .s., but has .*'Time'.*read_measurements.data, time='Time'."),
         ("s,q0\n0.1,1\n", "times \"t\" or \"time\" .s., but has .*'s', 'q0'.*time='name'"),
-        ("t,q0,\n0.1,1,\n", "a name for each column, but has an unnamed column in 't,q0,': .*remove the comma"),
+        ("t,q0,\n0.1,1,\n", "a name for each column, but has an unnamed column in 't,q0,': .*remove the separator"),
         ("t,q0,,\n0.1,1,,\n", "an unnamed column in 't,q0,,'"),
         ("t,q0\n0.1,1,\n", "row 0 .* must have 2 cells, but has 3, the last one empty"),
         ("t,q0,sigma_v0\n0.1,1,0.1\n", "a column <name> for each sigma_<name>, but has none for .'sigma_v0'."),
@@ -189,35 +189,6 @@ def test_two_columns_of_one_name_are_refused(tmp_path):
     numbered = xarray.Dataset({"q": (("t", "dof"), VALUES), "q0": ("t", TIMES)}, {"t": TIMES})
     with pytest.raises(ValueError, match="The Dataset must have columns of different names, but has 2 columns 'q0'"):
         read_measurements(numbered)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("t,q0,größe\n0.1,1,2\n".encode("latin-1"), "record.csv must be a text file in UTF-8, .* LATIN1.*iconv"),
-        ("t,q0\n0.1,1\n".encode("utf-16"), "record.csv must be a text file in UTF-8, .* iconv -f UTF-16"),
-        ("t,q0\n0.1,1\n".encode("utf-16-le"), "record.csv must be a text file in UTF-8, but has zero bytes"),
-        (b"t;q0\n0,1;1,5\n", "record.csv must have commas between its columns, but has semicolons: 't;q0'"),
-        (b"t\tq0\n0.1\t1\n", "record.csv must have commas between its columns, but has tabs"),
-    ],
-)
-def test_a_file_in_another_format_is_named_with_the_way_out(tmp_path, content, message):
-    """Assert that another encoding and another separator are errors that name the file and what to do."""
-    path = tmp_path / "record.csv"
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=message) as refused:
-        read_measurements(path)
-    assert not isinstance(refused.value, UnicodeDecodeError)
-
-
-def test_a_folder_is_no_record(tmp_path):
-    """Assert that a folder given as data is an error that says so, as is a file that is not there, or has no rows."""
-    with pytest.raises(ValueError, match="must be the path of a CSV file, but .* is a folder"):
-        read_measurements(tmp_path)
-    with pytest.raises(FileNotFoundError, match="the path of a CSV file, but there is no file .*none.csv"):
-        read_measurements(tmp_path / "none.csv")
-    with pytest.raises(ValueError, match="a header and at least one row, but has 1 line.$"):
-        read_measurements(_write(tmp_path, "t,q0\n"))
 
 
 @pytest.mark.parametrize("cell", [".", "BLQ", None])

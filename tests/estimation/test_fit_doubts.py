@@ -125,16 +125,19 @@ def test_a_few_wild_values_are_told():
 
 
 def test_residuals_that_are_no_noise_may_tell_of_another_minimum():
-    """Assert that the report says so where neighbours are alike or sigmas are exceeded, and not of noise."""
+    """Assert that the report says so where neighbours are alike or sigmas are exceeded, and not of noise; a fit that
+    stopped before a minimum is told of by itself."""
 
-    def found(residuals, noise):
+    def found(residuals, noise, stopped="converged"):
         result = SimpleNamespace(
             uncertainty=SimpleNamespace(exact=False, noise=noise, freedom=17, quantile_freedom=np.inf),
             data=SimpleNamespace(names=("q",), values=FALL[:, None], sigmas=None, sigmas_known=True),
-            residuals=residuals[:, None], scene=None, events_missing=(), on_bound=(),
+            residuals=residuals[:, None], scene=None, events_missing=(), on_bound=(), stopped=stopped,
             residual_correlation={"q": neighbour_correlation(residuals)},
         )  # fmt: skip
-        return [remark for remark in doubts(result) if "not the lowest minimum" in remark]
+        words = ("not the lowest minimum", "it did not converge, and standard errors")
+        return [remark for remark in doubts(result) if any(word in remark for word in words)]
 
     assert not found(0.01 * NOISE, 1.0)
+    assert len(found(0.01 * NOISE, 1.0, "stalled")) == 1
     assert len(found(0.01 * NOISE, 3.0)) == len(found(0.01 * np.cos(TIMES), 1.0)) == 1

@@ -31,6 +31,35 @@ def test_names_reach_nested_fields_and_array_entries():
     assert moved.lengths.tolist() == [3.0, 4.0] and float(moved.arm.mass) == 5.0
 
 
+def test_single_entries_of_an_array_are_fitted():
+    """Assert that an entry is named alone, in any order, that bounds of the array or of the entry hold for it, and that
+    its neighbours stay."""
+    scene = Nested(ElasticStop(), jnp.arange(6.0).reshape(2, 3))
+    selection = select(scene, ["lengths[1,2]", "arm.mass", "lengths[0, 1]"], {"lengths[1,2]": (4.0, 7.0)})
+    assert selection.labels == ("lengths[1, 2]", "arm.mass", "lengths[0, 1]")
+    assert selection.values(scene).tolist() == [5.0, 1.0, 1.0]
+    moved = eqx.filter_jit(selection.insert)(scene, jnp.array([50.0, 30.0, 10.0]))
+    assert moved.lengths.tolist() == [[0.0, 10.0, 2.0], [3.0, 4.0, 50.0]] and float(moved.arm.mass) == 30.0
+    assert selection.lower.tolist() == [4.0, -np.inf, -np.inf]
+    of_all = select(scene, "lengths", {"lengths": (-1.0, 9.0), "lengths[0, 0]": (-2.0, 2.0)})
+    assert of_all.lower.tolist() == [-2.0] + 5 * [-1.0] and of_all.upper.tolist() == [2.0] + 5 * [9.0]
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["lengths[2]"], r"has shape \(2,\), so its entries must be named one by one, such as 'lengths\[0\]'"),
+        (["arm.mass[0]"], "is a scalar and must be named without an index"),
+        (["lengths", "lengths[1]"], r"each name once, but has 'lengths\[1\]' more than once"),
+        (["length[1]"], r"has \['length\[1\]'\]"),
+    ],
+)
+def test_entries_that_are_none_are_refused(names, message):
+    """Assert that the shape is told, and an entry that is fitted with its array already."""
+    with pytest.raises(ValueError, match=message):
+        select(Nested(ElasticStop(), jnp.ones(2)), names)
+
+
 def test_a_string_is_one_name():
     """Assert that a name given as a string selects that parameter, and not its letters."""
     assert select(ElasticStop(), "mass").labels == ("mass",)

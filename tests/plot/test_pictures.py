@@ -1,7 +1,6 @@
 """Pictures show what the motion did, and moving ones have its frames."""
 
 import functools
-import types
 
 import jax
 import jax.numpy as jnp
@@ -10,11 +9,10 @@ import pytest
 from PIL import Image
 
 import hybridsens as hs
-from hybridsens.outcome import Steps
 from hybridsens.plot.animation import _outlines
 from hybridsens.plot.figure import must_be_sampled, new_figure, solution_times
 from hybridsens.scenes import BouncingBall
-from hybridsens.solution import SolutionEvents
+from tests.plot.test_plot_solution import switched_once
 
 FALL = float(np.sqrt(2 / 9.81))
 PICTURES = (hs.animate, hs.plot_trajectory, hs.plot_contacts, hs.plot_coordinates, hs.plot_phase)
@@ -94,53 +92,6 @@ def test_coordinates_have_their_names_and_jumps(motion):
         hs.plot_phase(NamedBall(), motion, "width")
 
 
-def test_whole_modes_have_whole_ticks_and_only_several_a_legend():
-    """Of one switch; of a switch and a number; of a number that is real."""
-    modes = ({"on": True}, {"on": True, "visits": 1}, {"speed": 0.5})
-    panels = [hs.plot_solution(_switched_once(mode)).axes[1] for mode in modes]
-    assert [panel.get_ylabel() for panel in panels] == ["mode.on", "mode", "mode.speed"]
-    assert [panel.get_legend() is not None for panel in panels] == [False, True, False]
-    whole = [all(tick == round(tick) for tick in panel.get_yticks()) for panel in panels]
-    assert whole == [True, True, False]
-
-
-def test_a_counter_in_the_mode_has_a_panel_of_its_own():
-    """It would flatten the switches beside it."""
-    panels = hs.plot_solution(_switched_once({"on": True, "off": False, "visits": 99})).axes
-    assert [panel.get_ylabel() for panel in panels[1:]] == ["mode", "mode.visits", "event"]
-
-
-@pytest.mark.parametrize(
-    ("ts", "end", "drawn"),
-    [
-        ([0.0, 2.0], 2.0, [(0.0, 3), (1.0, 4), (2.0, 4)]),
-        ([0.2, 0.4], 2.0, [(0.2, 3), (0.4, 3)]),
-        ([1.5], 2.0, [(1.5, 4), (1.5, 4)]),
-        ([0.0, 2.0], 1.2, [(0.0, 3), (1.0, 4), (1.2, 4)]),
-    ],
-    ids=["the whole", "before the event", "after it", "broken off"],
-)
-def test_a_mode_is_drawn_from_the_first_sample_to_the_last(ts, end, drawn):
-    """It is what the motion is in then, also where the samples do not span the motion, or the motion broke off."""
-    motion = _switched_once({"visits": 3}, ts, end)
-    state, mode, _ = hs.plot_solution(motion).axes
-    assert mode.lines[0].get_xydata().tolist() == [list(point) for point in drawn]
-    times = state.lines[0].get_xdata()
-    assert (times.min(), times.max()) == (ts[0], ts[-1])
-
-
-def _switched_once(mode, ts=(0.0, 1.0, 2.0), end=2.0):
-    """A motion at rest whose mode changes at 1: written down, not simulated."""
-    ts, again = jnp.array(ts), types.SimpleNamespace(initial_mode=lambda: mode)
-    later = {name: jnp.asarray([value + 1]) for name, value in mode.items()}
-    later = {name: value if name != "on" else jnp.array([False]) for name, value in later.items()}
-    rest = jnp.zeros(1)
-    events = SolutionEvents(jnp.ones(1), jnp.zeros(1, int), rest, rest, later, jnp.array(1))
-    steps = Steps(jnp.array(1), jnp.array(0))
-    ended = hs.Status.successful, jnp.array(end), jnp.array(jnp.nan), steps
-    return hs.Solution(ts, 0 * ts, rest[0], None, events, mode, *ended, jnp.zeros(1, bool), again)
-
-
 def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):
     """Eleven frames for a second at ten a second; a page, too; and clear words where nothing can be drawn."""
     moving = hs.animate(NamedBall(), motion, frames_per_second=10, size=(2.0, 2.0))
@@ -213,7 +164,7 @@ def test_a_figure_shows_itself_in_a_notebook():
 def test_a_picture_of_a_motion_of_the_other_kind_is_refused(motion):
     """And the one that draws it is named."""
     with pytest.raises(TypeError, match="`trajectory` must be a motion, as `simulate` .* drawn by plot_solution"):
-        must_be_sampled(_switched_once({"on": jnp.array(True)}))
+        must_be_sampled(switched_once({"on": jnp.array(True)}))
     with pytest.raises(TypeError, match="`solution` must be a motion, as `solve` .* drawn by plot_trajectory"):
         solution_times(motion)
     with pytest.raises(TypeError, match="is NamedBall: what moved comes first, and its motion second"):

@@ -64,6 +64,15 @@ def test_a_grazing_point_does_not_spoil_derivative_based_measures(dataset):
     np.testing.assert_allclose(found.nu, dgsm(dataset).nu, rtol=1e-3)
 
 
+def test_sequences_of_events_that_differ_are_told_with_derivative_based_measures(dataset):
+    """Assert that a J which may jump between two of them is not passed over; the same everywhere is no word."""
+    sequences = dataset.assign(event_sequence=("point", np.zeros(dataset.J.size, int)))
+    dgsm(sequences)
+    sequences.event_sequence[[3, 5]] = [7, -2]
+    with pytest.warns(UserWarning, match="The points have 3 sequences of events. If J jumps"):
+        dgsm(sequences)
+
+
 @pytest.mark.parametrize("measure", [sobol_indices, dgsm])
 def test_a_constant_has_no_shares(measure):
     """Assert that indices of a result that does not vary are refused, instead of nan."""
