@@ -63,7 +63,8 @@ def test_a_jacobian_of_a_batch(alone):
     assert float(jnp.abs(whole[0, :, 1]).max()) == 0.0
 
 
-@pytest.mark.parametrize("weights_inside", [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.slow
+@pytest.mark.parametrize("weights_inside", [True, False])
 def test_parameters_by_weights(alone, weights_inside):
     """A batch of parameters of a batch of weights, and the other way round."""
     if weights_inside:

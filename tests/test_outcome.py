@@ -162,6 +162,7 @@ def test_a_motion_that_grazes_is_not_said_to_have_broken_off():
         raise_unless_successful(doubtful)
 
 
+@pytest.mark.slow
 def test_a_touch_that_may_be_a_miss_is_told_with_its_time():
     """sin(t) and a stop that it misses by 1e-12, at pi / 2: the tolerances cannot tell whether it does."""
     swing = lambda **given: hs.simulate(Swing(jnp.array(1 + 1e-12)), hs.State([0.0], [1.0]), t1=3.0, **given)

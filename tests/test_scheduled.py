@@ -169,6 +169,7 @@ class Late(hs.AbstractHybridSystem):
         return jnp.where(event == 0, x, 2 * x), mode + 1
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_time_that_has_passed_comes_at_once(adjoint):
     """The level is met at 2; x(3) = 2 level + speed (3 - 2), and where it is met moves the alarm with it."""

@@ -163,6 +163,7 @@ class Subtracting(hs.AbstractHybridSystem):
         return jnp.where(event == 0, x - 1.0, x + self.amount), mode
 
 
+@pytest.mark.slow
 @ONE
 def test_a_guard_that_its_own_event_leaves_below_zero_fires_again(adjoint):
     """Filled by 3.3 at 0.5 it gives off three times at once: x(1) = (x0 e^-0.5 + 3.3 - 3) e^-0.5."""

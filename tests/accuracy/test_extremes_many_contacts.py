@@ -49,9 +49,10 @@ def test_a_row_of_balls_a_billionth_apart_hands_the_impact_on():
     assert_close(trajectory.final.v, np.array([0.0, 0.0, 0.0, 0.0, 1.0]), 1e-14)
 
 
-@pytest.mark.parametrize("floor", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
-@pytest.mark.parametrize("e", [pytest.param(0.0, marks=pytest.mark.slow), 0.5])
-@pytest.mark.parametrize("table", ["four feet", pytest.param("three feet", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("floor", [0.0, 1.0])
+@pytest.mark.parametrize("e", [0.0, 0.5])
+@pytest.mark.parametrize("table", ["four feet", "three feet"])
 def test_a_plate_dropped_flat_stays_flat_and_rests(table, e, floor):
     """Redundant feet, exact and near copies among them, strike at once: no tilt, no penetration, rest."""
     trajectory = run(plate(TABLES[table], e, floor), [1.0 + floor, 0.0, 0.0], [0.0, 0.0, 0.0], 2.0)

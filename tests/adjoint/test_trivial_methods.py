@@ -23,13 +23,10 @@ from tests.problems.trivial_cases import (
     true_gradient_of,
 )
 
-OTHERS = [
-    pytest.param(method, marks=[pytest.mark.slow] * (not method.startswith(REPLAY)))
-    for method in ADJOINTS
-    if method not in (REPLAY, FORWARD)
-]
+OTHERS = [method for method in ADJOINTS if method not in (REPLAY, FORWARD)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", OTHERS)
 @pytest.mark.parametrize("case", [case for case in CASES if case[1] is motions.springs], ids=lambda case: case[0])
 def test_every_method_has_it_right(case, method):

@@ -52,6 +52,7 @@ def test_a_large_unknown_does_not_hide_that_a_small_one_moves():
     assert at_minimum(1e-9 * r, slope, jnp.array([1e9, 1.0]), 3)
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_the_starts_that_have_finished(tmp_path, monkeypatch, capsys):
     """Assert that the best of two is returned, kept and told of."""
     descend, calls = starts._descend, []

@@ -64,6 +64,7 @@ def test_a_jump_is_told_to_who_asks_for_a_derivative(name):
     assert alone.status == hs.Status.successful and jnp.isnan(alone.doubt_time)
 
 
+@pytest.mark.slow
 def test_steps_that_are_run_again_are_looked_at_too():
     """The status is that of the motion, whose steps are not kept; the gradient is nan."""
     again = hs.Replay(recompute=True, segment_steps=512)
@@ -102,11 +103,8 @@ class Puck(hs.AbstractScene):
         return jnp.ones(1)
 
 
-@pytest.mark.parametrize(
-    "method",
-    [hs.Replay(), pytest.param(hs.ForwardSensitivities(), marks=pytest.mark.slow)],
-    ids=["reverse", "forward"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [hs.Replay(), hs.ForwardSensitivities()], ids=["reverse", "forward"])
 def test_dry_friction_in_two_dimensions_is_told(method):
     """Both modes agreed on a derivative that was off by half."""
     differentiate = jax.grad if method.reverse_mode else jax.jacfwd

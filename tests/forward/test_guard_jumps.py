@@ -91,6 +91,7 @@ class Turning(hs.AbstractHybridSystem):
         return x, mode
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:`guards` must be smooth")
 def test_one_that_jumps_above_zero_does_no_harm():
     """The angle jumps from pi to -pi on the way to the next time, where nothing happens."""

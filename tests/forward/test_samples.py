@@ -142,6 +142,7 @@ def loss(p):
 loss_and_gradient = jax.jit(jax.value_and_grad(loss))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "w0, value, gradient",
     [

@@ -170,7 +170,8 @@ each_by_jacobian = [
 ]
 
 
-@pytest.mark.parametrize("contacts, dof", [pytest.param(30, 3, marks=pytest.mark.slow), (30, 12)])
+@pytest.mark.slow
+@pytest.mark.parametrize("contacts, dof", [(30, 3), (30, 12)])
 def test_both_forms_of_the_matrix_say_the_same(contacts, dof):
     """Diagonal, rows, products, what is coupled, solutions on a set, and derivatives of these by the jacobian."""
     for G, push, candidates in many_problems(contacts, dof, 10):

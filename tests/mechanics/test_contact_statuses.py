@@ -60,7 +60,10 @@ SHOWN = [
         r"Here ts\[3\] is 0.30000000000000004, t0 is 0 and t1 is 0.3. Rounding put it there: give `jnp.clip",
     ),
     (0.4, 1.0, dict(t1=0.3, ts=np.arange(8) * 0.1), r"Here ts\[3\] is 0.30000000000000004, .* 8 times 5 lie outside.$"),
-    (0.4, 1.0, dict(max_events=1), "did not reach its end .*: .* The last events: t = 0.4515.*, impact of floor.$"),
+    pytest.param(
+        0.4, 1.0, dict(max_events=1), "did not reach its end .*: .* The last events: t = 0.4515.*, impact of floor.$",
+        marks=pytest.mark.slow,
+    ),
 ]
 
 

@@ -124,6 +124,7 @@ def place_and_slopes(scene, t1):
     return q, slopes
 
 
+@pytest.mark.slow
 def test_no_load_in_the_middle_would_tip_the_table():
     """The feet on either side would take up whatever is added, so that the derivatives of the tilt are 0."""
     _, slopes = place_and_slopes(table((0.0, 0.0), (0.0, 0.0)), 2.0)

@@ -111,6 +111,7 @@ def test_a_beam_comes_down_on_all_its_feet():
     np.testing.assert_allclose(trajectory.final.q, np.zeros(2), atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apart", [0, 8, 32, 100, 1000])
 def test_bodies_let_go_within_roundings_of_each_other(apart):
     """At t they are at r (t - t0)^3 / 6."""
