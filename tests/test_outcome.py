@@ -175,6 +175,7 @@ def test_a_touch_that_may_be_a_miss_is_told_with_its_time():
     assert jnp.isnan(swing(throw=False, max_steps=24).doubt_time)  # it broke off later
 
 
+@pytest.mark.slow
 def test_what_a_motion_of_a_system_could_not_begin_with_is_nan():
     """Also what the running cost holds, and the times that are declared: an optimiser takes a 0 for the end."""
 

@@ -185,6 +185,7 @@ def test_a_time_that_has_passed_comes_at_once(adjoint):
     assert_close(gradient, [3.0, 1.0, 0.0], 1e-9)  # level + 3 speed
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_dose_at_the_end_is_in_the_sample_there(adjoint):
     """x(2) = 3 exp(-2 k) + a_0 exp(-k) + a_1 exp(-k (2 - t_1)); a dose can come earlier, but not later."""

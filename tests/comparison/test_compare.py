@@ -164,6 +164,7 @@ def test_a_reference_whose_gradient_is_not_right_is_not_trusted(tmp_path):
     assert "(reference not to be trusted" in str(hs.WorkPrecision((), doubt=comparison.reference.doubt))
 
 
+@pytest.mark.slow
 def test_a_reference_that_fails_says_that_it_is_the_reference():
     """Its solver is not that of the study, so its status alone would be misunderstood."""
     ball = Ball()

@@ -20,7 +20,8 @@ class Saddle(hs.AbstractHybridSystem):
         return x, mode
 
 
-@pytest.mark.parametrize("state", [{"a": 1, "b": 2}, pytest.param({"a": 1.0, "b": 2}, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("state", [{"a": 1, "b": 2}, {"a": 1.0, "b": 2}])
 def test_numbers_of_the_state_may_be_integers(state):
     """Assert that what `solve` takes as x0 grows by e, and has exponent 1."""
     found = hs.lyapunov(Saddle(), state, t1=1.0)

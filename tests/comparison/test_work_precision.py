@@ -193,6 +193,7 @@ def test_a_file_of_something_else_is_refused(tmp_path, reference):
         work_precision(scene(), reference=reference, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_float32_is_float32_and_restores_double_precision(reference):
     """In single precision the gradient is right to 1e-4 and not to 1e-8, and the setting is undone afterwards."""
     settings = dict(tolerances=(1e-5,), solvers=[diffrax.Tsit5()], methods=(hs.Replay(),), dtypes=("float32",))

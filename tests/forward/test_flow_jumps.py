@@ -75,6 +75,7 @@ def test_steps_that_are_run_again_are_looked_at_too():
     assert_close(rate(lambda y: (y + 1.0) ** 3, adjoint=again)[0][0], 12 * C**2, 1e-6)
 
 
+@pytest.mark.slow
 def test_what_the_steps_resolve_is_not():
     """A steep but resolved change and a cost that begins with a rate of 0; a kink; nor what is known to do no harm."""
     slopes, motion = rate(lambda y: jnp.tanh(1e4 * y) + (y + 1.0) ** 3)

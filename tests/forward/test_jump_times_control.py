@@ -150,7 +150,8 @@ class Floor(hs.AbstractScene):
         return jnp.array([0.3])
 
 
-@pytest.mark.parametrize("forward", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("forward", [False, True])
 def test_a_start_in_contact_forgets_its_state(forward):
     """J = q(T) + int q dt: the contact holds the ball from the start, so only the floor counts, 1 + T."""
 

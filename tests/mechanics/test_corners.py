@@ -88,7 +88,8 @@ def ends_at(motion, time):
 TS = jnp.linspace(0, 0.8, 81)
 
 
-@pytest.mark.parametrize("tolerance", [1e-8, *(pytest.param(other, marks=pytest.mark.slow) for other in (1e-5, 1e-12))])
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [1e-8, 1e-5, 1e-12])
 @pytest.mark.parametrize(
     "scene, settings",
     [

@@ -94,6 +94,7 @@ def landing(pull, frequency):
     return (start + brentq(height, 2.1 * rise, 10 * rise, xtol=1e-15)) / frequency
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decades", [(2, 3), (4, 5), (6, 7), (8, 9)])
 def test_a_base_lifts_off_under_a_stiff_spring(decades):
     """Assert that of random ones each lifts off, at the time of the closed form and with its derivatives."""

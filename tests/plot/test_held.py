@@ -52,6 +52,7 @@ def test_bars_are_drawn_of_closed_contacts_alone(cascade):
     np.testing.assert_allclose(sum(end - start for start, end in drawn), 6 - last, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("far", (1.0, 1e6))
 def test_a_force_that_jumps_lets_go_and_a_far_wall_changes_nothing(far):
     """Held by a weight of 1 until the force pulls, without an event; at the jump the force is that after it."""

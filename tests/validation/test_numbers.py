@@ -106,6 +106,7 @@ def test_arrays_of_numpy_are_parameters():
     assert hs.solve(tank, 1.0, t1=0.2).final == hs.solve(Tank(1), 1.0, t1=0.2).final
 
 
+@pytest.mark.slow
 def test_a_number_has_a_derivative():
     """Where its field is that of an array, in a scene and in a system; it is that of the closed form."""
     fall = lambda g: jnp.sqrt(2 / g)
