@@ -96,6 +96,25 @@ def circle(centre, radius, count: int = 48) -> np.ndarray:
     return np.asarray(centre) + np.asarray(radius) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
+def line(*points) -> np.ndarray:
+    """Outline that goes through points (2,), one after the other: (point, 2)."""
+    return np.array([[float(number) for number in point] for point in points])
+
+
+def rectangle(low, high) -> np.ndarray:
+    """Outline of a rectangle between two opposite corners, (5, 2), with a last point that is the first."""
+    (left, bottom), (right, top) = np.asarray(low), np.asarray(high)
+    return np.array([[left, bottom], [right, bottom], [right, top], [left, top], [left, bottom]])
+
+
+def links(angles, lengths) -> np.ndarray:
+    """Places of the joints of links that hang from the origin, it among them, (link + 1, 2); angles are those from
+    hanging down [rad], counter-clockwise."""
+    angles, lengths = np.asarray(angles), np.asarray(lengths)
+    steps = lengths[:, None] * np.stack([np.sin(angles), -np.cos(angles)], axis=-1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+
+
 def _length(vectors):
     return jnp.sqrt(jnp.sum(vectors * vectors, axis=-1))
 

@@ -123,7 +123,7 @@ def _moving(frames, times, size, interval: float) -> FuncAnimation:
     axes = figure.subplots()
     _frame_axes(axes, np.concatenate([body for bodies in frames for body in bodies]))
     lines = [axes.plot([], [], color=COLOURS[i % len(COLOURS)], linewidth=2)[0] for i in range(len(frames[0]))]
-    clock = axes.text(0.02, 0.98, "", transform=axes.transAxes, va="top", family="monospace", fontsize="small")
+    clock = axes.set_title("", loc="left", family="monospace", fontsize="small")  # above the bodies, never on them
 
     def show(k: int):
         for line, body in zip(lines, frames[k], strict=True):

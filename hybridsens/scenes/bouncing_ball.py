@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import circle, line
 from .shipped import ShippedScene, parameter
 
 
@@ -25,6 +26,10 @@ class BouncingBall(ShippedScene):
     """Height of the floor [m]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.8)
     """e, in [0, 1]"""
+
+    def draw(self, q):
+        """Outlines of the floor and of a ball of radius 0.05 whose lowest point is at q."""
+        return [line([-0.5, self.floor], [0.5, self.floor]), circle([0.0, q[0] + 0.05], 0.05)]
 
     def initial_state(self):
         return State(self.height[None], self.velocity[None])

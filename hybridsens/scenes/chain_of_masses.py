@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import line, rectangle
 from .shipped import ShippedScene, parameter, scalars
 
 
@@ -35,6 +36,13 @@ class ChainOfMasses(ShippedScene):
         self.mass, self.stiffness = 1 + 0.1 * jnp.sin(place), jnp.ones(count)
         self.clearance, self.amplitude, self.damping, self.frequency = scalars(clearance, amplitude, 0.1, 1.3)
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
+
+    def draw(self, q):
+        """Outlines of the wall, and of blocks that are half as wide as the clearance."""
+        d, each = self.clearance, np.arange(q.shape[0])
+        left, wall = q + 1.5 * d * each, 1.5 * d * q.shape[0]
+        blocks = [rectangle([x, d / 20], [x + d / 2, d / 2]) for x in left]
+        return [line([-d, 0.0], [wall, 0.0], [wall, d]), *blocks]
 
     def initial_state(self):
         return State(jnp.zeros_like(self.mass), jnp.zeros_like(self.mass))

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import circle, line
 from .shipped import ShippedScene, parameter
 
 
@@ -25,6 +26,11 @@ class CylinderSlide(ShippedScene):
     """How far the floor lies below the cylinder's axis [m]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.5)
     """Of the floor; the cylinder has the same."""
+
+    def draw(self, q):
+        """Outlines of the cylinder, of the floor and of the mass, as a small circle around its place."""
+        floor = line([-self.radius, -self.depth], [4 * self.radius, -self.depth])
+        return [circle([0.0, 0.0], self.radius), floor, circle(q, 0.03 * self.radius)]
 
     def initial_state(self):
         return State(self.radius * jnp.stack([jnp.sin(self.angle), jnp.cos(self.angle)]), jnp.zeros(2))

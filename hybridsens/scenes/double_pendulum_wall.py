@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import line, links
 from .shipped import ShippedScene, parameter
 
 
@@ -32,6 +33,11 @@ class DoublePendulumWall(ShippedScene):
     """Initial angle [rad]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.7)
     """e, in [0, 1]"""
+
+    def draw(self, q):
+        """Outlines of the wall and of both arms."""
+        lengths = jnp.stack([self.length_upper, self.length_lower])
+        return [line([self.wall, 0.0], [self.wall, -1.2 * lengths.sum()]), links(q, lengths)]
 
     def initial_state(self):
         return State(jnp.stack([self.angle_upper, self.angle_lower]), jnp.zeros(2))

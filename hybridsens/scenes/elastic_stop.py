@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import line, rectangle
 from .shipped import ShippedScene, parameter
 
 
@@ -27,6 +28,11 @@ class ElasticStop(ShippedScene):
     """d, from the rest position to the stop [m]."""
     restitution_coefficient: Float[Array, ""] = parameter(1.0)
     """e, in [0, 1]"""
+
+    def draw(self, q):
+        """Outlines of the ground, of the stop, and of a block whose right side is at q."""
+        d = self.distance
+        return [line([-2 * d, 0.0], [d, 0.0], [d, d / 2]), rectangle([q[0] - d / 3, d / 20], [q[0], d / 3])]
 
     def initial_state(self):
         return State(jnp.zeros(1), jnp.zeros(1))

@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import line, links
 from .shipped import ShippedScene, parameter, scalars
 
 
@@ -32,6 +33,10 @@ class LinkPendulum(ShippedScene):
         self.mass, self.length = jnp.ones(count), jnp.full(count, 2.0 / count)
         self.gravity, self.wall, self.angle = scalars(9.81, wall, angle)
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
+
+    def draw(self, q):
+        """Outlines of the wall and of all links."""
+        return [line([self.wall, 0.0], [self.wall, -1.2 * self.length.sum()]), links(q, self.length)]
 
     def initial_state(self):
         return State(jnp.broadcast_to(self.angle, self.mass.shape), jnp.zeros_like(self.mass))

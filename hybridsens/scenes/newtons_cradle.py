@@ -2,9 +2,11 @@
 
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import circle
 from .shipped import ShippedScene, parameter, scalars
 
 
@@ -33,6 +35,11 @@ class NewtonsCradle(ShippedScene):
         self.mass = jnp.ones(count)
         self.clearance, self.pulled, self.gravity, self.length = scalars(clearance, pulled, 9.81, 9.81)
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
+
+    def draw(self, q):
+        """Outlines of the balls, of radius 0.1, which their threads lift by q^2 / (2 l)."""
+        x = q + (0.2 + self.clearance) * np.arange(q.shape[0])
+        return [circle(place, 0.1) for place in zip(x, q**2 / (2 * self.length), strict=True)]
 
     def initial_state(self):
         rest = jnp.zeros_like(self.mass)

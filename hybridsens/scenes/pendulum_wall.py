@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import line, links
 from .shipped import ShippedScene, parameter
 
 
@@ -28,6 +29,10 @@ class PendulumWall(ShippedScene):
     """Initial angle [rad]."""
     restitution_coefficient: Float[Array, ""] = parameter(0.8)
     """e, in [0, 1]"""
+
+    def draw(self, q):
+        """Outlines of the wall and of the pendulum."""
+        return [line([self.wall, 0.0], [self.wall, -1.2 * self.length]), links(q, self.length[None])]
 
     def initial_state(self):
         return State(self.angle[None], jnp.zeros(1))

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import circle, line
 from .shipped import ShippedScene, parameter
 
 
@@ -30,6 +31,12 @@ class StackedBalls(ShippedScene):
     """e between the lower ball and the floor, in [0, 1]"""
     restitution_balls: Float[Array, ""] = parameter(0.9)
     """e between the balls, in [0, 1]"""
+
+    def draw(self, q):
+        """Outlines of the floor and of balls of radii 0.1 and 0.05, the lower one with its lowest point at q_low."""
+        places = (q[0] + 0.1, q[1] - self.clearance + 0.25)
+        balls = [circle([0.0, height], radius) for height, radius in zip(places, (0.1, 0.05), strict=True)]
+        return [line([-0.5, 0.0], [0.5, 0.0]), *balls]
 
     def initial_state(self):
         return State(jnp.stack([self.height_low, self.height_high]), jnp.zeros(2))

@@ -1,9 +1,11 @@
 """A ball on a table that shakes hard enough to throw it: a gap that depends on time, with release and capture."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import State
+from ..planar import circle, line
 from .shipped import ShippedScene, parameter
 
 
@@ -22,6 +24,12 @@ class VibratingTable(ShippedScene):
     """omega [rad/s]"""
     restitution_coefficient: Float[Array, ""] = parameter(0.1)
     """e, in [0, 1]"""
+
+    def draw(self, q, t):
+        """Outlines of the table and of a ball whose lowest point is at q."""
+        height, radius = self.amplitude * np.sin(self.frequency * t), self.amplitude / 4
+        table = line([-self.amplitude, height], [self.amplitude, height])
+        return [table, circle([0.0, q[0] + radius], radius)]
 
     def initial_state(self):
         return State(jnp.zeros(1), (self.amplitude * self.frequency)[None])

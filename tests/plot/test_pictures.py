@@ -103,8 +103,8 @@ def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):
     assert moving._repr_html_().startswith("<img src='data:image/gif;base64,")
     with pytest.raises(ValueError, match=r"\.gif or \.html"):
         moving.save(tmp_path / "ball.mp4")
-    with pytest.raises(ValueError, match="`draw` must be given for a BouncingBall"):
-        hs.animate(BouncingBall(), motion)
+    with pytest.raises(ValueError, match="`draw` must be given for a FootedBlock"):
+        hs.animate(hs.scenes.FootedBlock(), motion)
     with pytest.raises(ValueError, match="raise `speed`"):
         hs.animate(NamedBall(), motion, speed=0.01)
 
