@@ -70,6 +70,12 @@ def split_name(name: str) -> tuple[str, tuple[int, ...] | None]:
     return match["leaf"], tuple(int(part) for part in match["index"].split(","))
 
 
+def as_written(name: str) -> str:
+    """The name of an entry as `entry_names` has it: mass[0, 1] for mass[0,1]."""
+    leaf, index = split_name(name)
+    return name if index is None else f"{leaf}[{', '.join(map(str, index))}]"
+
+
 def replace(scene: Any, values: dict[str, Any]) -> Any:
     """The scene with the named parameters, or entries of them, replaced."""
     leaves, tree = jax.tree_util.tree_flatten_with_path(scene)

@@ -172,7 +172,9 @@ class Solution(eqx.Module):
 def last_events(solution: Solution, shown: int = 3) -> str:
     """The last events of one motion with their modes, as an end to an error message; "" where they cannot be seen."""
     events = solution.events
-    if isinstance(events.count, jax.core.Tracer) or np.ndim(events.count) > 0 or int(events.count) == 0:
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(events)):  # some of them in forward mode
+        return ""
+    if np.ndim(events.count) > 0 or int(events.count) == 0:
         return ""
     rows = range(max(0, int(events.count) - shown), int(events.count))
     mode = lambda j: "" if events.mode is None else f" to mode {as_text(_row(events.mode, j))}"

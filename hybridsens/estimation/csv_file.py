@@ -1,6 +1,7 @@
 """Columns of numbers from a CSV file, or a word on what is wrong with it."""
 
 import csv
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import numpy as np
 
 _EMPTY = {"", "na", "n/a", "null"}
 """What programs write where a number is missing."""
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+"""A number that may be a thousand times another."""
 _SEPARATORS = ";\t|"
 """What may stand in the place of commas between columns; these may then be those of decimal numbers."""
 
@@ -20,6 +23,8 @@ def read_csv(path: Path) -> dict[str, np.ndarray]:
     separators, two columns of one name or a column of none, or a cell that is no number.
     """
     lines = [line for line in _text(path).splitlines() if line.strip() and line[0] != "#"]
+    if lines and lines[0].startswith("sep="):  # a line for Excel alone
+        lines = lines[1:]
     if len(lines) < 2:
         has = f"{len(lines)} line{'' if len(lines) == 1 else 's'}"
         raise ValueError(f"{path} must have a header and at least one row, but has {has}.")
@@ -87,12 +92,18 @@ def _separator(path: Path, header: str) -> str:
 
 
 def _with_points(path: Path, rows: list[list[str]]) -> list[list[str]]:
-    """Decimal commas as points. Raises: ValueError where there are both, so that commas may part thousands."""
-    with_comma, with_point = (next((cell for row in rows for cell in row if mark in cell), None) for mark in ",.")
-    if with_comma is not None and with_point is not None:
+    """Decimal commas as points. Raises: ValueError where commas may part thousands: there are points too, or three
+    digits behind each comma and no 0 before one."""
+    with_comma, with_point = ([cell.strip() for row in rows for cell in row if mark in cell] for mark in ",.")
+    if with_comma and with_point:
         raise ValueError(
-            f"{path} must have numbers with points or numbers with commas, but has {with_point!r} and {with_comma!r}: "
-            "write all of them with points, and no mark between thousands."
+            f"{path} must have numbers with points or numbers with commas, but has {with_point[0]!r} and "
+            f"{with_comma[0]!r}: write all of them with points, and no mark between thousands."
+        )
+    if with_comma and all(map(_THOUSANDS.fullmatch, with_comma)):
+        raise ValueError(
+            f"{path} must have numbers of one meaning, but all its commas may be decimal ones or part thousands, as in "
+            f"{with_comma[0]!r}: write points for decimal commas, and no mark between thousands."
         )
     return [[cell.replace(",", ".") for cell in row] for row in rows]
 

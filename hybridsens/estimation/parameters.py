@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..parameters import check_names, entry_names, parameter_places, split_name
+from ..parameters import as_written, check_names, entry_names, parameter_places, split_name
 from ..validation.arguments import as_real, by_name, pair
 from ..validation.spelling import did_you_mean
 
@@ -110,11 +110,11 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
     values = [name for name in names if not isinstance(name, str)]
     if values:
         raise TypeError(f"`parameters` must be names, such as {next(iter(known), 'name')!r}, but has {values[0]!r}.")
-    bounds = by_name("bounds", bounds)
+    names, bounds = list(map(as_written, names)), by_entry("bounds", bounds)
     _check_names("`parameters`", [name if name in known else _of_entry(scene, name) for name in names], list(known))
     leaves = jax.tree.leaves(scene)
     parts = tuple(_part(name, known, leaves) for name in names)
-    entries = [_labels(name, part) for name, part in zip(names, parts, strict=True)]
+    entries = [[name] if part.index else entry_names(name, part.shape) for name, part in zip(names, parts, strict=True)]
     labels = [label for of_part in entries for label in of_part]
     _check_names("`bounds`", list(bounds), list(dict.fromkeys([*names, *labels])))
     _check_once(labels)
@@ -161,11 +161,15 @@ def _part(name: str, known: Mapping[str, int], leaves: list[Any]) -> Part:
     return Part(known[leaf], (), shape) if index is None else Part(known[leaf], index, ())
 
 
-def _labels(name: str, part: Part) -> list[str]:
-    """Of its numbers; that of an entry is written as in `entry_names`."""
-    if part.index == ():
-        return entry_names(name, part.shape)
-    return [f"{split_name(name)[0]}[{', '.join(map(str, part.index))}]"]
+def by_entry(what: str, given: Mapping[str, Any] | None) -> dict[str, Any]:
+    """What is given by name, with names of entries written as in `entry_names`.
+
+    Raises: ValueError for an entry that is named in two ways."""
+    given = by_name(what, given)
+    found = {as_written(name) if isinstance(name, str) else name: value for name, value in given.items()}
+    if len(found) < len(given):
+        raise ValueError(f"`{what}` must name each entry once, but has {list(given)}.")
+    return found
 
 
 def _ends(name: str, bound: Any) -> tuple[float, float]:

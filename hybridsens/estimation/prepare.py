@@ -18,7 +18,7 @@ from ..validation.spelling import did_you_mean
 from .data import Measurements
 from .motions import FixedSettings, Start, event_count
 from .observers import observer
-from .parameters import Bounds, Selection, select
+from .parameters import Bounds, Selection, by_entry, select
 from .problem import FitProblem, Observations, Prior
 
 SETTINGS = dict(rtol=1e-8, atol=1e-8, max_events=256, max_steps=4096)
@@ -119,7 +119,7 @@ def prior(selection: Selection, priors: Mapping[str, Any] | None) -> Prior:
     Raises: ValueError for a name that is not fitted, or what is no pair of a number and a positive one.
     """
     mean, weight = np.zeros(len(selection.labels)), np.zeros(len(selection.labels))
-    for name, given in by_name("priors", priors).items():
+    for name, given in by_entry("priors", priors).items():
         if name not in selection.labels:
             raise ValueError(
                 f"`priors` must have names among {list(selection.labels)}, but has {name!r}."

@@ -1,10 +1,12 @@
 """Batches of motions: parts of them, and what a table or a data set of all of them is made of."""
 
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import jax
 import jax.core
+import jax.numpy as jnp
 import numpy as np
 
 from .datasets import optional
@@ -13,18 +15,21 @@ Motion = TypeVar("Motion")
 
 
 def part_of(batch: Motion, index: Any) -> Motion:
-    """The motions of a batch at `index`, as of an array: one for a number, a batch for a slice or a mask.
+    """The motions of a batch at `index`, as of an array: one for a number, a batch for a slice, a list or a mask.
 
     Raises: TypeError for one motion; IndexError outside of the batch, where JAX would take the last."""
     shape = np.shape(batch.events.count)  # type: ignore[attr-defined]
+    axes = len(shape)
     if not shape:
         raise TypeError(
             f"An index must be that of a batch of motions, but this {type(batch).__name__} is one: its samples and "
             "events are arrays with an index each."
         )
-    if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(index)):
-        np.broadcast_to(0, shape)[index]
-    return jax.tree.map(lambda leaf: leaf[index], batch)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(index))
+    number = (jnp if traced else np).arange(math.prod(shape)).reshape(shape)
+    # The index is that of the batch's axes alone: in a leaf itself `...` would reach through to its last axis.
+    chosen = number[index]
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf).reshape(-1, *leaf.shape[axes:])[chosen], batch)
 
 
 def must_be_known(count, wanted_by: str) -> None:

@@ -26,17 +26,19 @@ def variables(name: str, tree: Any, *leading: str, like: str = "") -> dict[str, 
     found = {}
     for label, leaf in named_leaves(name, tree).items():
         base = like + label.removeprefix(name) if like else label
-        found[label] = (*leading, *(f"{base}_{axis}" for axis in range(leaf.ndim - len(leading)))), leaf
+        found[label] = (*leading, *(f"{base}.axis{axis}" for axis in range(leaf.ndim - len(leading)))), leaf
     return found
 
 
 def structure(name: str, tree: Any) -> Any:
     """The tree as JSON can hold it, with the name of each array in its place.
 
-    Raises: TypeError for a tree of anything but dict, list, tuple, None and arrays."""
+    Raises: TypeError for a tree of anything but dict, list, tuple, None and arrays; ValueError for a key that a file
+    cannot have as a name."""
     if tree is None:
         return None
     if type(tree) is dict and all(isinstance(key, str) for key in tree):
+        _check_keys(name, tree)
         return {"dict": {key: structure(f"{name}.{key}", entry) for key, entry in tree.items()}}
     if type(tree) in (list, tuple):
         return {type(tree).__name__: [structure(f"{name}.{i}", entry) for i, entry in enumerate(tree)]}
@@ -46,6 +48,15 @@ def structure(name: str, tree: Any) -> Any:
         f"`{name}` can be saved if it is made of dict (with strings as keys), list, tuple and arrays, but it holds "
         f"{type(tree).__name__}. Save what `to_xarray()` returns, by its `to_netcdf`."
     )
+
+
+def _check_keys(name: str, tree: dict[str, Any]) -> None:
+    for key in tree:
+        if "/" in key or key != key.strip():
+            raise ValueError(
+                f"`{name}` can be saved if its keys have no slash, and no blank at an end, since a netCDF file takes "
+                f"none, but it has {key!r}: rename it."
+            )
 
 
 def restored(outline: Any, arrays: Mapping[str, Any]) -> Any:

@@ -102,7 +102,8 @@ class Trajectory(eqx.Module):
         """The motions of a batch at `index`: `batch[3]`, `batch[:10]`, `batch[batch.status == Status.successful]`.
 
         Raises: IndexError outside of the batch; TypeError for one motion."""
-        return part_of(self, index)
+        found = part_of(self, index)
+        return found if self._scene is None else found.come_from(self._scene)
 
     def evaluate(self, ts: ArrayLike | Sequence) -> State:
         """States at other times between t0 and t1, a number or an array in any order, as exact as the motion itself.
@@ -155,7 +156,8 @@ class Trajectory(eqx.Module):
     def to_xarray(self):
         """An xarray Dataset of all that is here, with events in as many rows as there were.
 
-        Coordinates are named as the scene's `coordinates`, contacts as its `contacts`, if it has them. A batch has the
+        Coordinates are named as the scene's `coordinates`, contacts as its `contacts`, if it has them; a batch does not
+        know its scene (`batch.come_from(scene).to_xarray()`). A batch has the
         dimension `run` in front of all others, and rows for the most events of a motion.
         Raises: ImportError without xarray; ValueError for a batch of more than one axis or inside of a JAX
         transformation."""
@@ -178,11 +180,11 @@ class Trajectory(eqx.Module):
         trees = dict(cost=self.cost, scene_mode=self.scene_mode, event_mode=self.events.mode)
         write_netcdf(with_structure(self.to_xarray(), **trees), path)
 
-    def come_from(self, scene: Any, again: functools.partial | None) -> "Trajectory":
-        """This motion, which now knows what it came from.
+    def come_from(self, scene: Any, again: functools.partial | None = None) -> "Trajectory":
+        """This motion, which now knows what it came from: its tables have the scene's names.
 
         That is no field: it would ride along as an output of every compiled program, and be copied for every motion of
-        a batch. So what JAX makes out of this trajectory does not know it."""
+        a batch. So what JAX makes out of this trajectory, a batch among it, does not know it."""
         object.__setattr__(self, "_origin", Origin(scene, again))
         object.__setattr__(self.events, "_scene", scene)
         return self

@@ -20,6 +20,7 @@ def _write(tmp_path, text):
         ("t,q0\n0.1,1\n".encode("utf-16-le"), "record.csv must be a text file in UTF-8, but has zero bytes"),
         (b"t q0\n0.1 1\n", "semicolons or tabs between its columns, but has spaces: 't q0'. Replace"),
         (b"t;q0\n0.1;1,000\n", "with points or numbers with commas, but has '0.1' and '1,000'"),
+        (b"t\tq0\n0\t1,234\n1\t-1,100\n2\t998\n", "may be decimal ones or part thousands, as in '1,234'"),
     ],
 )
 def test_a_file_in_another_format_is_named_with_the_way_out(tmp_path, content, message):
@@ -34,6 +35,7 @@ def test_a_file_in_another_format_is_named_with_the_way_out(tmp_path, content, m
 @pytest.mark.parametrize("text", [
     "t;q0\n0,1;-1,5e-3\n0,25;\n", "t\tq0\n0.1\t-1.5e-3\n0.25\tNA\n",
     "t|q0\n.1|-.0015\n.25|\n",
+    "sep=;\nt;q0\n0,100;-,0015\n0,250;\n",
 ])  # fmt: skip
 def test_columns_may_be_parted_by_other_marks(tmp_path, text):
     """Assert that semicolons, tabs and bars are read, with decimal commas where commas part no columns."""

@@ -9,7 +9,7 @@ from scipy import stats
 
 from hybridsens.estimation.motions import state_names
 from hybridsens.estimation.parameters import select
-from hybridsens.estimation.prepare import beginning
+from hybridsens.estimation.prepare import beginning, prior
 from hybridsens.estimation.uncertainty import Noise, half_width, uncertainty
 from hybridsens.parameters import parameter_places
 from hybridsens.scenes import ElasticStop
@@ -41,6 +41,11 @@ def test_single_entries_of_an_array_are_fitted():
     moved = eqx.filter_jit(selection.insert)(scene, jnp.array([50.0, 30.0, 10.0]))
     assert moved.lengths.tolist() == [[0.0, 10.0, 2.0], [3.0, 4.0, 50.0]] and float(moved.arm.mass) == 30.0
     assert selection.lower.tolist() == [4.0, -np.inf, -np.inf]
+    assert select(scene, ["lengths[0, 1]"], {"lengths[0,1]": (0.0, 2.0)}).upper.tolist() == [2.0]
+    known = prior(selection, {"lengths[0,1]": (2.0, 0.5)})
+    assert known.mean.tolist() == [0.0, 0.0, 2.0] and known.weight.tolist() == [0.0, 0.0, 2.0]
+    with pytest.raises(ValueError, match=r"`bounds` must name each entry once, but has \['lengths\[0, 1\]', 'lengths"):
+        select(scene, "lengths", {"lengths[0, 1]": (0.0, 2.0), "lengths[0,1]": (0.0, 9.0)})
     of_all = select(scene, "lengths", {"lengths": (-1.0, 9.0), "lengths[0, 0]": (-2.0, 2.0)})
     assert of_all.lower.tolist() == [-2.0] + 5 * [-1.0] and of_all.upper.tolist() == [2.0] + 5 * [9.0]
 

@@ -63,12 +63,33 @@ def test_a_part_of_a_batch_is_taken_by_its_index(batch):
     assert [int(one.events.count) for one in batch] == counts == [int(batch[i].events.count) for i in (0, 1, -1)]
     assert float(batch[1].end_time) == 1.0 and str(batch[1]).startswith("status: successful")
     long = batch[batch.end_time > 0.6]
-    assert long.end_time.tolist() == batch[1:].end_time.tolist() == [1.0, 0.7]
+    assert long.end_time.tolist() == batch[1:].end_time.tolist() == batch[[1, 2]].end_time.tolist() == [1.0, 0.7]
+    _same(batch[..., 1], batch[1])
+    twice = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), batch)
+    traced = jax.jit(lambda twice, i: twice[..., i])(twice, 1)
+    for column in (twice[..., 1], twice[:, 1], twice[[0, 1], [1, 1]], traced):
+        _same(column[0], batch[1])
     assert jax.jit(lambda batch, i: batch[i].end_time)(batch, 2) == 0.7
     with pytest.raises(IndexError, match="out of bounds"):
         batch[3]
     with pytest.raises(TypeError, match="index must be that of a batch of motions, but this .* is one"):
         batch[0][0]
+
+
+def test_a_batch_that_is_told_its_scene_has_its_names():
+    """JAX made it anew; its parts have the names too, as has what a file gives back."""
+
+    class Named(StackedBalls):
+        coordinates = ("low [m]", "high [m]")
+
+    one = Named().initial_state
+    simulated = lambda t1: hs.simulate(Named(), one(), t1=t1, ts=TS[:2] * t1, max_events=MOST)
+    batch = jax.vmap(simulated)(ENDS)
+    assert "q[0]" in batch.to_pandas()
+    batch.come_from(Named())
+    for told in (batch, batch[1], batch[:2]):
+        assert "low [m]" in told.to_pandas() and "high rate [m/s] after" in told.events.to_pandas()
+    assert batch.to_xarray().coordinate.values.tolist() == list(Named.coordinates)
 
 
 def test_a_data_set_of_a_batch_holds_that_of_each_run(batch):

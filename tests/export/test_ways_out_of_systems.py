@@ -2,6 +2,7 @@
 
 import dataclasses
 import pickle
+import re
 import types
 
 import equinox as eqx
@@ -70,7 +71,7 @@ def test_a_data_set_holds_all_of_a_motion(motion):
     before and after an event."""
     dataset = motion.to_xarray()
     np.testing.assert_array_equal(dataset["x.level"].sel(time=1.5), motion.x["level"][3])
-    assert dataset["event_before.level"].dims == dataset["event_after.level"].dims == ("event", "x.level_0")
+    assert dataset["event_before.level"].dims == dataset["event_after.level"].dims == ("event", "x.level.axis0")
     assert dataset["event_after.level"].values[0, 0] == 0 and dataset["mode.count"].values.tolist() == [2, 1]
     assert dataset["cost.both.0"].values.tolist() == motion.cost["both"][0].tolist()
     assert dataset.status == "successful"
@@ -119,6 +120,32 @@ def test_what_a_file_cannot_hold_is_named(motion, tmp_path):
     queue = eqx.tree_at(lambda m: m.mode, motion, {"queue": hs.DelayQueue.empty(2)})
     with pytest.raises(TypeError, match="`mode.queue` can be saved if .* DelayQueue. Save what `to_xarray"):
         queue.save(tmp_path / "motion.nc")
+    for key in ("v [m/s]", " v"):
+        named = eqx.tree_at(lambda m: m.mode, motion, {key: jnp.zeros(2)})
+        with pytest.raises(ValueError, match=f"keys have no slash, .* has {re.escape(repr(key))}: rename"):
+            named.save(tmp_path / "motion.nc")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("initial", [jnp.array([5.0, 6.0]), 5.0, jnp.ones((2, 3))], ids=jnp.shape)
+def test_a_leaf_may_have_the_name_of_another_with_a_number(initial, tmp_path):
+    """As that of an initial value does; a file lost it to the dimension of the other one."""
+
+    class Decay(hs.AbstractHybridSystem):
+        def flow(self, t, x, mode):
+            return jax.tree.map(jnp.negative, x)
+
+        def guards(self, t, x, mode):
+            return jnp.zeros(0)
+
+        def transition(self, event, t, x, mode):
+            return x, mode
+
+    solved = hs.solve(Decay(), {"v": jnp.ones(2), "v_0": initial}, t1=1.0, ts=TS[:2])
+    solved.save(tmp_path / "motion.nc")
+    loaded = hs.load(tmp_path / "motion.nc")
+    for name, leaf in solved.x.items():
+        np.testing.assert_array_equal(loaded.x[name], leaf)
 
 
 def test_a_motion_without_samples_has_no_table_of_them(motion):
