@@ -30,6 +30,8 @@ ROUNDED = 8
 """An estimated error below ROUNDED eps times that size is rounding, and is ignored."""
 FORESEEN = 0.01
 """The second sweep measures errors by no less than this part of what the first one has gathered."""
+PATIENCE = 1 / 16
+"""The part of all tries after which errors that may be rounding are taken for it."""
 PART = 0.1
 """What a step adds to dJ/dtheta may be wrong by this part of `rtol`: what the steps add may cancel in the sum."""
 
@@ -46,13 +48,19 @@ class DerivativeControl(eqx.Module):
     most_tries: int = eqx.field(static=True)
     """How many steps may be tried in all."""
 
-    def of_state(self, x, before, after, error, peak) -> tuple[Array, Array]:
+    def of_state(self, x, before, after, error, peak, tries) -> tuple[Array, Array]:
         """Error of a tangent over what is allowed, and its size; `before` and `after` are its values at the ends of
         the step, `peak` is the largest size that it had.
 
         The error of an entry is compared with the entry itself, and with a part of the largest one: entries are made
-        comparable by the sizes of the state. A tangent that a contact has wiped out but for rounding has no error."""
-        return self._of_entries(jnp.abs(x) + self.least_state, before, after, error, peak)
+        comparable by the sizes of the state. A tangent that a contact has wiped out but for rounding has no error. One
+        that begins with 0, as by the stiffness of a spring that is not stretched yet, may be made of nothing but
+        rounding, which no shorter step would mend: once a part of all tries is spent on `tries`, an error below one
+        rounding of what a tangent is made from is none. Not before: that size overestimates weak effects."""
+        unit = jnp.abs(x) + self.least_state
+        ratio, size = self._of_entries(unit, before, after, error, peak)
+        rounded = is_noise(jnp.max(jnp.abs(error) / unit, initial=0), peak, roundings=1)
+        return jnp.where(rounded & (tries > PATIENCE * self.most_tries), 0, ratio), size
 
     def of_costate(self, x, before, after, error, peak) -> tuple[Array, Array]:
         """The same of a costate, whose units are the inverse ones."""

@@ -169,7 +169,7 @@ def _through_steps(forward: ForwardPass, motion: Motion, j, start: ForwardPlace)
         reaches = step_end - place.t <= place.width
         t1 = jnp.where(reaches, step_end, place.t + control.cut(place.width))
         (x1, _), (dx1, d_error) = _push_step(forward, mode, place, t1)
-        ratio, size = control.of_state(place.x, place.dx, dx1, d_error, place.peak)
+        ratio, size = control.of_state(place.x, place.dx, dx1, d_error, place.peak, place.tries)
         accepted, width = control.judge(of_all_directions(ratio), t1 - place.t, place.width)
         finest = t1 - place.t <= time_resolution(t1, 2)  # cannot be cut
         accepted, width = accepted | finest, jnp.where(finest, place.width, width)

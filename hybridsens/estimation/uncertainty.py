@@ -27,7 +27,7 @@ class Uncertainty(NamedTuple):
     noise: float
     """s: standard deviation of the residuals, in sigmas; in the data's unit where no sigmas were given."""
     freedom: int
-    """Residuals less parameters that are not on their bounds."""
+    """Residuals less the directions of the parameters that move them; one on its bound has none."""
     quantile_freedom: float
     """Degrees of freedom of Student's t for intervals; inf (a normal distribution) where sigmas were given, unless the
     fit is robust, whose residuals tell s anew."""
@@ -56,20 +56,21 @@ class Noise(NamedTuple):
 def uncertainty(labels: Sequence[str], values, residuals, jacobian, prior_weight, noise: Noise) -> Uncertainty:
     """Uncertainty from plain data residuals r (in sigmas) and their Jacobian J = dr/dp.
 
-    With known sigmas s = 1, otherwise s^2 = sum psi(r)^2 / (n - p) / mean(psi')^2, where psi(r) = r, or
+    With known sigmas s = 1, otherwise s^2 = sum psi(r)^2 / (n - rank J) / mean(psi')^2, where psi(r) = r, or
     r / sqrt(1 + (r/c)^2) for a robust fit with finite c (Huber's covariance of an M-estimator, also used with known
     sigmas then).
     """
     r, J, p = np.asarray(residuals), np.asarray(jacobian), np.asarray(values)
-    freedom = max(r.size - p.size, 1)
-    seen = _noise(r, freedom, noise.robust)
-    exact = not noise.sigmas_given and seen <= noise.rounding
     size = np.where(np.abs(p) < _NEAR * noise.scale, noise.scale, np.abs(p))
     size = np.where(size == 0, 1.0, size)
     unseen = np.max(np.abs(J * size), axis=0, initial=0) <= _ROUNDING * np.finfo(J.dtype).eps * noise.largest
+    J = np.where(unseen, 0, J)
+    freedom = max(r.size - _rank(J), 1)
+    seen = _noise(r, freedom, noise.robust)
+    exact = not noise.sigmas_given and seen <= noise.rounding
     taken_at_their_word = noise.sigmas_given and np.isinf(noise.robust)
     unit = 1.0 if taken_at_their_word else max(seen, noise.rounding)
-    rows = np.vstack([np.where(unseen, 0, J) / (unit if unit > 0 else 1.0), np.diag(prior_weight)])
+    rows = np.vstack([J / (unit if unit > 0 else 1.0), np.diag(prior_weight)])
     covariance, null = _inverse(rows, size)
     correlation = _correlation(covariance)
     if exact:
@@ -117,6 +118,15 @@ def _inverse(rows: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray
         null[:, told] = directions / size[told]
         null /= np.linalg.norm(null, axis=1, keepdims=True)
     return inverse, null
+
+
+def _rank(rows: np.ndarray) -> int:
+    """In how many directions parameters move the rows; of two that do the same, one counts."""
+    told = rows[:, np.any(rows != 0, axis=0)]
+    if told.size == 0:
+        return 0
+    s = np.linalg.svd(told / np.linalg.norm(told, axis=0), compute_uv=False)
+    return int(np.sum(s > _NULL * s[0]))
 
 
 def _inverse_told(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

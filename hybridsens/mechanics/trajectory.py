@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..export.batches import leading, must_be_one, part_of
+from ..export.batches import leading, must_be_known, part_of
 from ..export.datasets import with_structure, write_netcdf
 from ..export.text import paragraph, preformatted, table
 from ..export.trajectory import events_frame, motion_dataset, samples_frame
@@ -195,12 +195,12 @@ class Trajectory(eqx.Module):
         return None if origin is None else origin.scene
 
     def _known_again(self, wanted_by: str) -> functools.partial:
-        must_be_one(self.events.count, wanted_by)
+        must_be_known(self.events.count, wanted_by)
         again = getattr(getattr(self, "_origin", None), "again", None)
         if again is None:
             raise ValueError(
-                f"{wanted_by} must know the scene of its motion, which is lost where a motion is loaded, taken out of "
-                "a batch or returned by jax.jit. Pass `ts=` to `simulate` instead."
+                f"{wanted_by} must know the scene of its motion, which is lost where a motion is loaded, in a batch or "
+                "returned by jax.jit. Pass `ts=` to `simulate` instead."
             )
         return again
 

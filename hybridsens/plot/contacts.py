@@ -1,6 +1,6 @@
 """The picture of what contacts do: forces while they are held, impulses when they strike."""
 
-import jax
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ def contact_forces(scene: AbstractScene, trajectory: Trajectory):
             "`plot_trajectory`, and its gaps are jax.vmap(scene.gap)(motion.ts, motion.q)."
         )
     t, q, v = with_events(trajectory)
-    return t, np.asarray(jax.jit(held_forces)(scene, Instant(jnp.asarray(t), q, v), trajectory.mode))
+    return t, np.asarray(eqx.filter_jit(held_forces)(scene, Instant(jnp.asarray(t), q, v), trajectory.mode))
 
 
 def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:

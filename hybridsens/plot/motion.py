@@ -3,6 +3,7 @@
 import operator
 from typing import SupportsIndex
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -49,7 +50,7 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
     velocities = _labels(scene, "coordinates", rates) or ["velocity"]
     name = velocities[0] if len(velocities) == 1 else "velocity"
     draw_lines(axes[1], t, np.asarray(v), name, velocities if len(velocities) == v.shape[1] else None)
-    closed = np.asarray(jax.jit(closed_contacts)(scene, Instant(jnp.asarray(t), q, v)))
+    closed = np.asarray(eqx.filter_jit(closed_contacts)(scene, Instant(jnp.asarray(t), q, v)))
     _draw_closed(axes[2], t, closed, trajectory, shown)
     axes[2].set_yticks(range(len(shown)), [contacts[i] for i in shown])
     if len(shown) < len(contacts):

@@ -112,6 +112,17 @@ def test_wrong_names_and_bounds_are_refused(parameters, bounds, message):
         select(ElasticStop(), parameters, bounds)
 
 
+def test_what_the_data_do_not_tell_widens_no_other_interval():
+    """Assert that a parameter without effect, and one of two that do the same, take no degree of freedom."""
+    x = np.linspace(0.0, 1.0, 6)
+    r, line = np.sin(40 * x), np.stack([np.ones(6), x], axis=1)
+    of = lambda J: uncertainty("abcd"[: J.shape[1]], np.ones(J.shape[1]), r, J, np.zeros(J.shape[1]), Noise(False))
+    plain, wide = of(line), of(np.column_stack([line, 0 * x, 3 * x]))
+    assert plain.freedom == wide.freedom == 4 and plain.noise == wide.noise
+    assert wide.standard_errors[0] == pytest.approx(plain.standard_errors[0], rel=1e-12)
+    assert np.isinf(wide.standard_errors[1:]).all()
+
+
 def test_uncertainty_of_a_straight_line_is_the_textbook_one():
     """Assert that slope and intercept of a line have SciPy's standard errors, and Student's intervals."""
     x = np.linspace(0.0, 1.0, 20)

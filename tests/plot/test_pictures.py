@@ -1,6 +1,7 @@
 """Pictures show what the motion did, and moving ones have its frames."""
 
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -65,6 +66,16 @@ def test_the_force_of_a_held_contact_is_the_weight(motion, resting):
     np.testing.assert_allclose(forces, 9.81, rtol=1e-12)
     _, forces = hs.contact_forces(NamedBall(), motion)
     assert not np.any(forces)
+
+
+def test_a_scene_that_holds_a_function_is_drawn(motion):
+    """As that of a network does, its activation; what is computed for a picture takes it for a constant."""
+
+    class Activated(NamedBall):
+        activation: Callable = jnp.tanh
+
+    scene = Activated()
+    assert len(hs.plot_trajectory(scene, motion).axes) == 3 and len(hs.plot_contacts(scene, motion).axes) == 2
 
 
 def test_impulses_are_drawn_where_they_strike(motion):
