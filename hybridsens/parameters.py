@@ -4,7 +4,7 @@ A parameter is a leaf with a floating point type. Every study names them by the 
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -27,6 +27,24 @@ class FlatParameters(NamedTuple):
     vector: Float[Array, "parameter"]
     rebuild: Callable[[Float[Array, "parameter"]], Any]
     """The scene with the entries of a vector in their places."""
+
+    def only(self, chosen: Sequence[str]) -> "FlatParameters":
+        """Those of the chosen arrays, and chosen entries of arrays; the others stay as they are.
+
+        Raises: ValueError for a name that is not among them, or for none."""
+        chosen = list(map(as_written, chosen))
+        arrays = [split_name(name)[0] for name in self.names]
+        unknown = [name for name in chosen if name not in self.names and name not in arrays]
+        if unknown or not chosen:
+            known = list(dict.fromkeys(arrays))
+            raise ValueError(
+                f"`parameters` must be names among {', '.join(known)}, or of their entries, such as {self.names[0]!r}, "
+                f"but are {chosen}.{did_you_mean(unknown, known)}"
+            )
+        kept = [k for k, name in enumerate(self.names) if name in chosen or arrays[k] in chosen]
+        whole, places = self.vector, np.array(kept)
+        rebuild = lambda vector: self.rebuild(whole.at[places].set(vector))
+        return FlatParameters(tuple(self.names[k] for k in kept), whole[places], rebuild)
 
 
 def flatten_parameters(scene: Any) -> FlatParameters:

@@ -1,7 +1,6 @@
 """`hybridsens fit`: parameters of a scene from a CSV file."""
 
 import functools
-import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,7 @@ import typer
 from ..parameters import parameter_places, split_name
 from ..validation.spelling import did_you_mean
 from .models import HELP, complete, startable
-from .options import Json, by_name, file_to_write, picture_to_write, print_json
+from .options import Json, by_name, file_to_write, names, picture_to_write, print_json
 
 
 def fit(
@@ -52,28 +51,45 @@ def fit(
     from ..estimation import GrowingHorizon, read_measurements  # takes as long as half of all other imports
     from ..estimation import fit as run_fit
 
-    read = functools.partial(read_measurements, data, time=time or None, columns=_split(columns) or None,
+    read = functools.partial(read_measurements, data, time=time or None, columns=names(columns) or None,
                              missing="skip" if skip_missing else "raise")  # fmt: skip
     record = read()
     if sigma is not None:
         if record.sigmas is not None:
             raise typer.BadParameter(f"--sigma must be left out, since {data} has columns sigma_... of its own")
         record = read(sigma=sigma)
-    result = run_fit(
-        _with_guess(startable(scene), guess or []), record, parameters=_split(parameters),
-        bounds=by_name("--bound", bound or [], _bound), optimizer=optimizer, robust=robust, starts=starts,
-        strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations,
-        progress=not (quiet or json), store=store,
-    )  # fmt: skip
+    try:
+        result = run_fit(
+            _with_guess(startable(scene), guess or []), record, parameters=names(parameters),
+            bounds=by_name("--bound", bound or [], _bound), optimizer=optimizer, robust=robust, starts=starts,
+            strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations,
+            progress=not (quiet or json), store=store,
+        )  # fmt: skip
+    except ValueError as error:
+        raise ValueError(_in_options(str(error))) from error
     if json:
         print_json(_summary(result))
     else:
-        print(result)
+        print(_in_options(str(result)))
     if output is not None:
         result.plot().savefig(output, dpi=120)
         print(f"picture: {output}", file=sys.stderr if json else sys.stdout)
     if not result.converged:
         raise typer.Exit(1)
+
+
+_OPTIONS = {
+    "`strategy=GrowingHorizon()`": "--grow", "`starts=8`": "--starts 8", "`starts=`": "--starts",
+    "`bounds`": "--bound", "`robust=3`": "--robust 3", "`missing=\"skip\"`": "--skip-missing", "`sigma`": "--sigma",
+    "`columns`": "--columns", "`strategy=GrowingHorizon(": "in Python `strategy=hs.GrowingHorizon(",
+}  # fmt: skip
+"""What is said of arguments of `hybridsens.fit` -> what has their place in a terminal."""
+
+
+def _in_options(text: str) -> str:
+    for argument, option in _OPTIONS.items():
+        text = text.replace(argument, option)
+    return text
 
 
 def _summary(result: Any) -> dict[str, Any]:
@@ -136,8 +152,3 @@ def _bound(text: str) -> tuple[str, Any]:
     except ValueError as error:
         raise typer.BadParameter(f"{text!r} must have the form NAME=LO:HI or NAME=positive") from error
     return name.strip(), (low, high)
-
-
-def _split(text: str) -> list[str]:
-    """The names in a list; a comma in the brackets of mass[0, 1] parts none."""
-    return [part.strip() for part in re.split(r",(?![^\[]*\])", text) if part.strip()]

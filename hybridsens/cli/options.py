@@ -3,6 +3,7 @@
 import enum
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -43,6 +44,11 @@ def by_name(option: str, texts: Sequence[str], read: Callable[[str], tuple[str, 
             given = ", ".join(text for text, (other, _) in zip(texts, pairs, strict=True) if other == name)
             raise typer.BadParameter(f"{option} must have each name once, but has {name!r} in {given}: leave one out")
     return dict(pairs)
+
+
+def names(text: str) -> list[str]:
+    """The names in a list; a comma in the brackets of mass[0, 1] parts none."""
+    return [part.strip() for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for a program to read, and nothing else.")]

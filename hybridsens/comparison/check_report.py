@@ -1,11 +1,14 @@
 """The outcome of a gradient check, and how it reads."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ..export.text import name_and_numbers, preformatted, wrapped
 from .check_doubts import Cause, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck
 
+MOST_ROWS, FIRST_ROWS, FIRST_NAMES = 40, 20, 8
+"""Of more parameters than that so many have a row, and of more names so many are told."""
 MOST_LETTERS = 10
 """In the name of a contact that stands in a row of 80 columns."""
 
@@ -33,7 +36,11 @@ class GradientCheck(NamedTuple):
         width = max(len("dJ/d"), *(len(entry.parameter) for entry in self.parameters)) + 2
         columns = f"{'adjoint':>15}{'forward':>15}{'differences':>15}{'+-':>9}{'reference':>15}"
         lines = [name_and_numbers("dJ/d", columns, width)]
-        lines += [_parameter_line(entry, width) for entry in self.parameters]
+        shown = self._shown()
+        lines += [_parameter_line(entry, width) for entry in shown]
+        if left := len(self.parameters) - len(shown):
+            wrong = sum(bool(entry.verdict) for entry in self.parameters) - sum(bool(entry.verdict) for entry in shown)
+            lines.append(f"... and {left} more, of which {wrong} are in doubt")
         lines += ["", *_event_lines(self.events)] if self.events else []
         if self.ok:
             all_tested = not any(entry.verdict for entry in self.events)
@@ -43,8 +50,14 @@ class GradientCheck(NamedTuple):
             return "\n".join([*lines, "", *told])
         wrong = [entry.parameter for entry in self.parameters if entry.verdict]
         events = [entry.label for entry in self.events if entry.verdict]
-        doubt = wrapped(f"In doubt: parameters {', '.join(wrong) or '-'}; events {', '.join(events) or '-'}.", 4)
+        doubt = wrapped(f"In doubt: parameters {_listed(wrong) or '-'}; events {_listed(events) or '-'}.", 4)
         return "\n".join([*lines, "", doubt, *map(_cause_line, self.causes)])
+
+    def _shown(self) -> list[ParameterCheck]:
+        """The parameters that have a row: of many the first ones, those in doubt before others."""
+        if len(self.parameters) <= MOST_ROWS:
+            return list(self.parameters)
+        return sorted(self.parameters, key=lambda entry: not entry.verdict)[:FIRST_ROWS]
 
 
 def _parameter_line(entry: ParameterCheck, width: int) -> str:
@@ -74,7 +87,14 @@ def _event_line(entry: EventCheck, contact: str) -> str:
     return name_and_numbers(f"{entry.label:>7}", numbers, 7, entry.verdict)
 
 
+def _listed(names: Sequence[str]) -> str:
+    """The names, of many the first ones and how many there are."""
+    if len(names) <= MOST_ROWS:
+        return ", ".join(names)
+    return f"{', '.join(names[:FIRST_NAMES])}, ... ({len(names)} in all)"
+
+
 def _cause_line(cause: Cause) -> str:
-    where = (", ".join(cause.parameters), f"events {', '.join(cause.events)}" if cause.events else "")
+    where = (_listed(cause.parameters), f"events {_listed(cause.events)}" if cause.events else "")
     text = f"Likely cause for {'; '.join(filter(None, where))}: {cause.reason}. What to do: {cause.remedy}."
     return wrapped(text, 4)

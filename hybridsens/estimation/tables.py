@@ -35,11 +35,13 @@ def read_measurements(
 
     Arguments:
 
-    - `data`: the path of a CSV file (UTF-8, commas, a header), a pandas DataFrame, an xarray Dataset or DataArray along
-      one dimension, a mapping of names to columns, a pair (times, values), or Measurements, returned as they are.
+    - `data`: the path of a CSV file (UTF-8, a header, columns parted by commas, semicolons or tabs), a pandas
+      DataFrame, an xarray Dataset or DataArray along one dimension, a mapping of names to columns, a pair (times,
+      values), or Measurements, returned as they are.
     - `time`: name of the time column, or of the index of a DataFrame; default "t", "time", "t [s]" or "time [s]".
       One that names another unit is refused.
-    - `columns`: which columns are observed; default all but the time and those named `sigma_...`.
+    - `columns`: which columns are observed; default all but the time and those named `sigma_...`. A unit behind a name
+      may be left off.
     - `sigma`: standard deviations; default the columns `sigma_<name>`, where a unit may be left off, if there is one
       for each observed column.
     - `missing`: "raise" on a NaN (an empty cell), or "skip" those entries.
@@ -55,16 +57,24 @@ def read_measurements(
     if isinstance(data, tuple) and len(data) == 2 and not hasattr(data[0], "columns"):
         return measurements(*data, sigma=sigma, names=columns, missing=missing, **events)
     table = _as_mapping(data, time)
-    time = time or _time_column(table, _index_without_name(data))
+    time = _with_unit(time, table) if time else _time_column(table, _index_without_name(data))
     if unit := _IN_BRACKETS.search(time):
         _check_unit_of_times(time, unit[1])
-    names = _observed_columns(table, time, columns)
+    names = _observed_columns(table, time, columns and [_with_unit(name, table) for name in columns])
     if not names:
         raise ValueError(f"The table must have at least one observed column beside the time, but has {list(table)}.")
     if sigma is None:
         sigma = _sigma_columns(table, names)
     values = np.stack([_numbers(table, name) for name in names], axis=1)
     return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
+
+
+def _with_unit(name: str, table: Mapping[str, Any]) -> str:
+    """The column of this name, whose unit may be left off; the name itself where not one alone is meant."""
+    meant = [column for column in table if str(column) == name] or [
+        column for column in table if _IN_BRACKETS.sub("", str(column)).strip() == name
+    ]
+    return meant[0] if len(meant) == 1 else name
 
 
 def _time_column(table: Mapping[str, Any], index_alone: bool) -> str:
@@ -188,7 +198,8 @@ def _from_pandas(data: Any, time: str | None) -> dict[str, np.ndarray]:
     columns = {str(name): data[name].to_numpy() for name in data.columns}
     index: Any = getattr(data, "index", None)  # tables of other libraries have none
     name = getattr(index, "name", None)
-    wanted = name == time if time else not any(known in columns for known in _TIMES)
+    bare = _IN_BRACKETS.sub("", str(name)).strip()
+    wanted = time in (name, bare) if time else not any(known in columns for known in _TIMES)
     if name is None or not wanted or index.to_numpy().dtype.kind not in "iufmM":
         return columns
     return {str(name): index.to_numpy(), **columns}

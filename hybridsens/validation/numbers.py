@@ -2,8 +2,8 @@
 
 `eqx.filter_grad` differentiates by arrays of real numbers, and gives None for every other leaf, without a word. So
 
-- a Python number, or a list of them, in a field that is declared as an array becomes a real array: the declaration
-  says what is meant;
+- a Python number, a list of them or a real array of NumPy, in a field that is declared as an array, becomes a real
+  array of JAX: the declaration says what is meant, and an array of NumPy cannot be indexed by a number of an event;
 - one in a field that is declared otherwise (`length: float`) stays as it is. Equinox takes it for a constant, which
   may be asked about by `if`, and a checker of annotations would refuse an array there. The same goes for an array of
   integers, which may be indices. Where a derivative by the other leaves is taken, a warning names them; and at once
@@ -38,8 +38,9 @@ def numbers_to_arrays(module: Any) -> None:
         value, declared = getattr(module, field.name, None), str(field.type)
         number = isinstance(value, numbers.Real | decimal.Decimal) and not isinstance(value, bool)
         listed = isinstance(value, list | tuple) and not _CONTAINER.search(declared)
+        of_numpy = isinstance(value, np.ndarray) and value.dtype.kind == "f"
         missing = isinstance(value, str) or (value is None and not _MAY_BE_NONE.search(declared))
-        if (number or listed or missing) and _ARRAY.search(declared) and not _OF_INTEGERS.search(declared):
+        if (number or listed or of_numpy or missing) and _ARRAY.search(declared) and not _OF_INTEGERS.search(declared):
             object.__setattr__(module, field.name, _as_array(module, field.name, value))  # Equinox freezes what is made
 
 

@@ -42,6 +42,24 @@ def test_the_column_of_times_is_told_by_name(monkeypatch, tmp_path):
     assert taken[0].names == ("q0 [m]",) and taken[0].times == [0.1]
 
 
+def test_advice_is_given_in_options(monkeypatch, tmp_path, capsys):
+    """Assert that a report and an error name what a terminal has in the place of the arguments of a function."""
+    record = tmp_path / "record.csv"
+    record.write_text("t,q0\n0.1,0.2\n")
+    words = "`starts=8` looks for another, and so does `strategy=GrowingHorizon()`"
+
+    def refused(scene, data, **named):
+        raise ValueError(words)
+
+    monkeypatch.setattr("hybridsens.estimation.fit", refused)
+    with pytest.raises(ValueError, match="^--starts 8 looks for another, and so does --grow$"):
+        fit("elastic-stop", record, "distance")
+    told = type("Told", (), {"converged": True, "__str__": lambda self: words})
+    monkeypatch.setattr("hybridsens.estimation.fit", lambda scene, data, **named: told())
+    fit("elastic-stop", record, "distance")
+    assert capsys.readouterr().out == "--starts 8 looks for another, and so does --grow\n"
+
+
 def test_sigmas_come_from_the_file_or_from_the_option(monkeypatch, tmp_path):
     """Assert that `--sigma` does not take the place of the file's own in silence."""
     record, taken = tmp_path / "record.csv", []

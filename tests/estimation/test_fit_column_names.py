@@ -126,3 +126,16 @@ def test_a_cell_may_say_that_nothing_was_measured(cell, tmp_path):
     np.testing.assert_array_equal(read_measurements(file, missing="skip").values[:, 0], [1.0, np.nan, 2.0])
     with pytest.raises(ValueError, match="row.* 1 .*counted from 0"):
         read_measurements(file)
+
+
+def test_a_unit_may_be_left_off_in_what_is_asked_for():
+    """Of the time, of an index and of a column; where two differ by their unit alone, none is meant."""
+    pandas = pytest.importorskip("pandas")
+    table = {"Zeit [s]": [0.0, 1.0], "angle (rad)": [1.0, 2.0], "x [m]": [3.0, 4.0], "x [mm]": [5.0, 6.0]}
+    frame = pandas.DataFrame(table)
+    for data in (table, frame, frame.set_index("Zeit [s]")):
+        found = read_measurements(data, time="Zeit", columns=["angle", "x [mm]"])
+        assert found.times.tolist() == [0.0, 1.0] and found.values.tolist() == [[1.0, 5.0], [2.0, 6.0]]
+        assert found.names == ("angle (rad)", "x [mm]")
+        with pytest.raises(ValueError, match=r"must have the columns \['x'\]"):
+            read_measurements(data, time="Zeit", columns="x")

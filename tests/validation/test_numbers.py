@@ -98,6 +98,30 @@ def test_a_number_in_the_field_of_an_array_is_a_real_array(number):
         assert isinstance(leaf, jax.Array) and leaf.dtype == jnp.result_type(float) and not leaf.weak_type
 
 
+def test_arrays_of_numpy_become_those_of_jax():
+    """Where the field is that of an array: they could not be indexed by an event's number. Integers may be indices."""
+
+    class Of(hs.AbstractHybridSystem):
+        amount: jax.Array
+        place: jax.Array
+
+        def flow(self, t, x, mode):
+            return -x
+
+        def guards(self, t, x, mode):
+            return jnp.zeros(0)
+
+        def scheduled_times(self, x, mode):
+            return jnp.array([0.25, 0.5])
+
+        def transition(self, event, t, x, mode):
+            return x + self.amount[event], mode
+
+    system = Of(np.array([1.0, 2.0]), np.array([3]))
+    assert isinstance(system.amount, jax.Array) and type(system.place) is np.ndarray
+    assert float(hs.solve(system, 0.0, t1=0.5).final) == pytest.approx(2 + np.exp(-0.25), rel=1e-7)
+
+
 def test_arrays_of_numpy_are_parameters():
     """Also outside of jax.jit, as what `jax.device_get` gives."""
     scene, tank = jax.tree.map(np.asarray, (Ball(10), Tank(1)))
