@@ -25,9 +25,9 @@ class DelayQueue(eqx.Module):
     A motion in which more events wait than there are places ends with `Status.queue_full`.
     """
 
-    taken: Bool[Array, "place"]
+    taken: Bool[Array, "*batch place"]
     """Places whose event is still to come."""
-    full: Bool[Array, ""]
+    full: Bool[Array, "*batch"]
     """Whether an event found no place."""
 
     @classmethod
@@ -41,9 +41,15 @@ class DelayQueue(eqx.Module):
         """When the waiting events come; inf at free places."""
         return jnp.where(self.taken, due, jnp.inf)
 
+    @property
+    def next_place(self) -> Int[Array, ""]:
+        """The place that the next event takes: where what it carries is kept, as which neuron sent a spike. A full
+        queue has none, and this is 0."""
+        return jnp.argmin(self.taken)
+
     def put(self, due: Float[Array, "place"], time) -> tuple[Float[Array, "place"], "DelayQueue"]:
         """The times and the queue with one more event, which comes at `time`; never, and without a place, at inf."""
-        place, comes = jnp.argmin(self.taken), jnp.asarray(time) != jnp.inf
+        place, comes = self.next_place, jnp.asarray(time) != jnp.inf
         queue = DelayQueue(self.taken.at[place].max(comes), self.full | (self.taken[place] & comes))
         # A number that stays the same has come. One put where another was taken at this instant must differ from it.
         before = lax.stop_gradient(due[place])

@@ -176,3 +176,13 @@ def test_what_is_passed_on_at_once_comes_too(delays, first):
     assert int(motion.events.count) == 1 + int(jnp.sum(arrivals < 2)) and not bool(motion.mode["queue"].taken.any())
     assert_close(motion.final["y"], left.sum(), 1e-7)
     assert_close(slope, jnp.cumsum(left[::-1])[::-1], 1e-7)
+
+
+def test_the_next_place_of_a_queue_is_the_one_that_is_taken():
+    """What a delayed event carries is kept there: also where a place before others has become free."""
+    queue, due = hs.DelayQueue(jnp.array([True, False, True]), jnp.array(False)), jnp.zeros(3)
+    for place, freed in ((1, 0), (0, 2), (2, 1)):
+        assert int(queue.next_place) == place
+        due, queue = queue.put(due, 5.0 + place)
+        assert bool(queue.taken.all()) and float(due[place]) == 5.0 + place
+        queue = queue.take(jnp.array(freed))

@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "reported": {"forward", "flat_system", "observables", "status"},
     "passes": {"flat_system", "forward", "adjoint", "numerics", "observables", "reported", "status"},
     "differentiable": {"passes", "reported", "observables", "adjoint", "forward", "validation", "xla"},
-    "export": {"status"},
+    "export": {"status", "delays"},
     "mechanics": {"flat_system", "model", "interval", "search", "outcome", "export", "watch"}
     | {"discontinuities", "located"} | BASE,
     "watch": {"numerics"},

@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..delays import DelayQueue
 from .names import must_differ
 from .text import Numbers, array_text
 
@@ -33,8 +34,8 @@ def variables(name: str, tree: Any, *leading: str, like: str = "") -> dict[str, 
 def structure(name: str, tree: Any) -> Any:
     """The tree as JSON can hold it, with the name of each array in its place.
 
-    Raises: TypeError for a tree of anything but dict, list, tuple, None and arrays; ValueError for a key that a file
-    cannot have as a name."""
+    Raises: TypeError for a tree of anything but dict, list, tuple, `DelayQueue`, None and arrays; ValueError for a key
+    that a file cannot have as a name."""
     if tree is None:
         return None
     if type(tree) is dict and all(isinstance(key, str) for key in tree):
@@ -42,6 +43,8 @@ def structure(name: str, tree: Any) -> Any:
         return {"dict": {key: structure(f"{name}.{key}", entry) for key, entry in tree.items()}}
     if type(tree) in (list, tuple):
         return {type(tree).__name__: [structure(f"{name}.{i}", entry) for i, entry in enumerate(tree)]}
+    if isinstance(tree, DelayQueue):
+        return {"DelayQueue": {part: f"{name}.{part}" for part in ("taken", "full")}}
     if isinstance(tree, jax.Array | np.ndarray | float):
         return name
     raise TypeError(
@@ -66,12 +69,18 @@ def restored(outline: Any, arrays: Mapping[str, Any]) -> Any:
     if isinstance(outline, str):
         return arrays[outline]
     ((kind, entries),) = outline.items()
-    if kind == "dict":
-        return {key: restored(entry, arrays) for key, entry in entries.items()}
+    if kind in ("dict", "DelayQueue"):
+        found = {key: restored(entry, arrays) for key, entry in entries.items()}
+        return found if kind == "dict" else DelayQueue(**found)
     return {"list": list, "tuple": tuple}[kind](restored(entry, arrays) for entry in entries)
 
 
 def as_text(tree: Any) -> str:
     """The tree as a text in which arrays are their numbers."""
-    # str() of a single number would show all of its digits.
-    return str(jax.tree.map(lambda leaf: Numbers(array_text(leaf, threshold=8, edgeitems=2)), tree))
+
+    def shown(leaf):
+        if isinstance(leaf, DelayQueue):
+            return Numbers(f"{int(np.sum(leaf.taken))} of {np.size(leaf.taken)} wait")
+        return Numbers(array_text(leaf, threshold=8, edgeitems=2))  # str() of one number would show all of its digits
+
+    return str(jax.tree.map(shown, tree, is_leaf=lambda part: isinstance(part, DelayQueue)))

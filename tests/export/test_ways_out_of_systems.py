@@ -14,6 +14,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.export.names import event_names
+from hybridsens.export.trees import as_text
 
 TS = jnp.linspace(0.0, 3.0, 7)
 
@@ -117,9 +118,9 @@ def test_a_file_of_another_kind_is_not_written(motion, tmp_path):
 
 def test_what_a_file_cannot_hold_is_named(motion, tmp_path):
     """A mode of one's own type."""
-    queue = eqx.tree_at(lambda m: m.mode, motion, {"queue": hs.DelayQueue.empty(2)})
-    with pytest.raises(TypeError, match="`mode.queue` can be saved if .* DelayQueue. Save what `to_xarray"):
-        queue.save(tmp_path / "motion.nc")
+    own = eqx.tree_at(lambda m: m.mode, motion, {"place": hs.State(jnp.zeros(2), jnp.zeros(2))})
+    with pytest.raises(TypeError, match="`mode.place` can be saved if .* State. Save what `to_xarray"):
+        own.save(tmp_path / "motion.nc")
     for key in ("v [m/s]", " v"):
         named = eqx.tree_at(lambda m: m.mode, motion, {key: jnp.zeros(2)})
         with pytest.raises(ValueError, match=f"keys have no slash, .* has {re.escape(repr(key))}: rename"):
@@ -146,6 +147,21 @@ def test_a_leaf_may_have_the_name_of_another_with_a_number(initial, tmp_path):
     loaded = hs.load(tmp_path / "motion.nc")
     for name, leaf in solved.x.items():
         np.testing.assert_array_equal(loaded.x[name], leaf)
+
+
+def test_a_queue_of_delays_is_kept_and_printed_in_words(motion, tmp_path):
+    """It is a part of the mode that the package itself offers."""
+    queue = hs.DelayQueue(jnp.array([True, False, True]), jnp.array(False))
+    delayed = eqx.tree_at(lambda m: m.mode, motion, {"queue": queue, "on": jnp.array(True)})
+    assert as_text(delayed.mode) == "{'on': True, 'queue': 2 of 3 wait}"
+    rows = jax.tree.map(lambda leaf: jnp.stack([leaf] * 8), delayed.mode)
+    delayed = eqx.tree_at(lambda m: m.events.mode, delayed, rows)
+    delayed.save(tmp_path / "motion.nc")
+    loaded = hs.load(tmp_path / "motion.nc")
+    assert isinstance(loaded.mode["queue"], hs.DelayQueue)
+    for found, known in zip(*map(jax.tree.leaves, (loaded.mode, delayed.mode)), strict=True):
+        np.testing.assert_array_equal(found, known)
+        assert found.dtype == known.dtype
 
 
 def test_a_motion_without_samples_has_no_table_of_them(motion):
