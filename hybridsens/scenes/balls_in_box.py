@@ -40,6 +40,11 @@ class BallsInBox(ShippedScene):
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
 
     @property
+    def coordinates(self):  # type: ignore[override]
+        """Names of the entries of q."""
+        return tuple(f"{axis}{i} [m]" for i in range(self.mass.shape[0]) for axis in "xy")
+
+    @property
     def contacts(self):  # type: ignore[override]
         """Names of the gaps, in their order."""
         balls = range(self.mass.shape[0])

@@ -13,6 +13,7 @@ class BouncingBall(ShippedScene):
     rests."""
 
     t1 = 2.0
+    coordinates = ("height [m]",)
 
     height: Float[Array, ""] = parameter(1.0)
     """Initial height [m]."""

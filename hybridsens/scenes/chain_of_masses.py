@@ -37,6 +37,11 @@ class ChainOfMasses(ShippedScene):
         self.clearance, self.amplitude, self.damping, self.frequency = scalars(clearance, amplitude, 0.1, 1.3)
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
 
+    @property
+    def coordinates(self):  # type: ignore[override]
+        """Names of the entries of q."""
+        return tuple(f"mass {i} [m]" for i in range(self.mass.shape[0]))
+
     def draw(self, q):
         """Outlines of the wall, and of blocks that are half as wide as the clearance."""
         d, each = self.clearance, np.arange(q.shape[0])

@@ -13,6 +13,7 @@ class CylinderSlide(ShippedScene):
     cos(theta) = (2/3) cos(angle)."""
 
     t1 = 2.5
+    coordinates = ("x [m]", "y [m]")
 
     radius: Float[Array, ""] = parameter(1.0)
     """R [m]"""

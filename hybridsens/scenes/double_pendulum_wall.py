@@ -12,6 +12,7 @@ class DoublePendulumWall(ShippedScene):
     """q = angles of both arms from hanging down; gaps: distance of elbow and tip from a vertical wall."""
 
     t1 = 3.0
+    coordinates = ("upper angle [rad]", "lower angle [rad]")
 
     mass_upper: Float[Array, ""] = parameter(1.0)
     """At the elbow [kg]."""

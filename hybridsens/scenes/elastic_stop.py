@@ -13,6 +13,7 @@ class ElasticStop(ShippedScene):
 
     sustained_contact = False
     t1 = 20.0
+    coordinates = ("displacement [m]",)
 
     mass: Float[Array, ""] = parameter(1.0)
     """[kg]"""

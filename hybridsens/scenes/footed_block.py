@@ -15,6 +15,7 @@ class FootedBlock(ShippedScene):
     On an even floor n feet share the weight in more than one way; on an uneven one three of them carry it."""
 
     t1 = 2.0
+    coordinates = ("height [m]", "slope along x [1]", "slope along y [1]")
 
     floor: Float[Array, "foot"]
     """Height of the floor below each foot [m]."""

@@ -34,6 +34,11 @@ class LinkPendulum(ShippedScene):
         self.gravity, self.wall, self.angle = scalars(9.81, wall, angle)
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
 
+    @property
+    def coordinates(self):  # type: ignore[override]
+        """Names of the entries of q."""
+        return tuple(f"link {i} [rad]" for i in range(self.mass.shape[0]))
+
     def draw(self, q):
         """Outlines of the wall and of all links."""
         return [line([self.wall, 0.0], [self.wall, -1.2 * self.length.sum()]), links(q, self.length)]

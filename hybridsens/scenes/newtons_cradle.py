@@ -36,6 +36,11 @@ class NewtonsCradle(ShippedScene):
         self.clearance, self.pulled, self.gravity, self.length = scalars(clearance, pulled, 9.81, 9.81)
         (self.restitution_coefficient,) = scalars(restitution_coefficient)
 
+    @property
+    def coordinates(self):  # type: ignore[override]
+        """Names of the entries of q."""
+        return tuple(f"ball {i} [m]" for i in range(self.mass.shape[0]))
+
     def draw(self, q):
         """Outlines of the balls, of radius 0.1, which their threads lift by q^2 / (2 l)."""
         x = q + (0.2 + self.clearance) * np.arange(q.shape[0])

@@ -12,6 +12,7 @@ class PendulumWall(ShippedScene):
     """(m l^2 + I) q'' = -m g l sin q - c q', gap wall - l sin q; q is the angle from hanging down."""
 
     t1 = 6.0
+    coordinates = ("angle [rad]",)
 
     mass: Float[Array, ""] = parameter(1.0)
     """m [kg]"""

@@ -12,6 +12,7 @@ class StackedBalls(ShippedScene):
     """q = heights (low, high), gaps q_low and q_high - q_low - clearance."""
 
     t1 = 1.5
+    coordinates = ("low [m]", "high [m]")
 
     mass_low: Float[Array, ""] = parameter(1.0)
     """[kg]"""

@@ -13,6 +13,7 @@ class VibratingTable(ShippedScene):
     """m q'' = -weight, gap q - A sin(omega t). The ball starts on the table and moves with it until it is thrown."""
 
     t1 = 0.6
+    coordinates = ("height [m]",)
 
     mass: Float[Array, ""] = parameter(1.0)
     """[kg]"""

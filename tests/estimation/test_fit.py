@@ -223,7 +223,7 @@ def test_times_outside_the_horizon_and_unknown_columns_are_refused():
     with pytest.raises(ValueError, match="must lie in the horizon"):
         fit(BouncingBall(), measurements([0.1, 2.0], [1.0, 1.0]), t1=1.0)
     with pytest.raises(ValueError, match="columns must be named after the state .q0, v0."):
-        fit(BouncingBall(), measurements([0.1], [1.0], names=["height"]))
+        fit(BouncingBall(), measurements([0.1], [1.0], names=["width"]))
 
 
 def test_a_robust_fit_needs_sigmas():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hybridsens import planar, scenes
+from hybridsens.export.names import coordinate_names, split_unit
 from hybridsens.scenes.shipped import ShippedScene
 
 TOUCHING = {
@@ -68,3 +69,11 @@ def test_links_hang_from_the_origin():
     """A straight one downward, then a right angle to the right."""
     np.testing.assert_allclose(planar.links([0.0, np.pi / 2], [2.0, 1.0]), [[0, 0], [0, -2], [1, -2]], atol=1e-15)
     assert planar.rectangle([0.0, 1.0], [2.0, 3.0]).tolist() == [[0, 1], [2, 1], [2, 3], [0, 3], [0, 1]]
+
+
+@pytest.mark.parametrize("kind", [*TOUCHING, scenes.FootedBlock], ids=lambda kind: kind.__name__)
+def test_coordinates_have_names_with_units(kind):
+    """As many as there are; by these tables, pictures and the units of measurements are told."""
+    scene = kind()
+    names, rates = coordinate_names(scene, scene.initial_state().q.shape[0])
+    assert all(split_unit(name)[1] for name in (*names, *rates))
