@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from ..export.names import split_unit
+from ..export.text import array_text, preformatted
 from .cells import as_numbers, rows_told
 from .times import increasing_events, increasing_samples
 
@@ -50,6 +51,23 @@ class Measurements(eqx.Module):
         """The largest standard deviation of a column of values; 0 where there is none."""
         columns = [column[np.isfinite(column)] for column in self.values.T]
         return max((float(np.std(column)) for column in columns if column.size), default=0.0)
+
+    def __str__(self) -> str:
+        """Columns with how many values each has, between which values and times they lie, and event times."""
+        told = []
+        if self.times.size:
+            known = "with sigmas" if self.sigmas is not None else "without sigmas"
+            told.append(f"{self.times.size} times from {np.min(self.times):g} to {np.max(self.times):g}, {known}")
+        for name, column in zip(self.names, self.values.T, strict=True):
+            seen = column[np.isfinite(column)]
+            if seen.size:
+                told.append(f"{name}: {seen.size} values from {np.min(seen):g} to {np.max(seen):g}")
+        if self.event_times.size:
+            heard = self.event_times[np.isfinite(self.event_times)]
+            told.append(f"event times: {heard.size} of {self.event_times.size} seen, {array_text(heard, threshold=8)}")
+        return "\n".join(told)
+
+    _repr_html_ = preformatted  # what a notebook shows
 
     def between(self, start: float, end: float) -> "Measurements":
         """The part with start <= t < end, to fit one part of a record and predict another. Events before it stay as not

@@ -1,5 +1,6 @@
 """A fit in words."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -148,5 +149,6 @@ def _names(result: Any) -> Callable[[str, int], str]:
 def _sequence(sequence: EventSequence, name: Callable[[str, int], str]) -> str:
     if not sequence:
         return "none"
-    shown = ", ".join(name(*event) for event in sequence[:8])
-    return f"{len(sequence)} ({shown}{', ...' if len(sequence) > 8 else ''})"
+    runs = [(len(list(run)), label) for label, run in itertools.groupby(name(*event) for event in sequence)]
+    shown = ", ".join(label if count == 1 else f"{count} x {label}" for count, label in runs[:8])
+    return f"{len(sequence)} ({shown}{', ...' if len(runs) > 8 else ''})"

@@ -1,10 +1,11 @@
-"""What the report of a fit says of parameters that are known badly, relative to their values."""
+"""What the report of a fit says of parameters that are known badly, of events, and how measurements print."""
 
 from types import SimpleNamespace
 
 import numpy as np
 
-from hybridsens.estimation.report import _directions, _starts, _way
+from hybridsens.estimation import measurements
+from hybridsens.estimation.report import _directions, _sequence, _starts, _way
 from hybridsens.estimation.uncertainty import weak_directions
 
 LABELS = ("log_ka", "log_cl")
@@ -56,3 +57,23 @@ def test_one_start_alone_at_the_best_loss_asks_for_more():
         "keep to where motions exist)"
     )
     assert _starts(starts(0.5, 0.5)) == "2 starts of 3 to 4 iterations: 2 ended within 1 % of the best loss; 0 failed"
+
+
+def test_events_that_repeat_are_counted():
+    """Forty impacts of one contact are one word; a cycle is shown as far as one reads it."""
+    name = lambda kind, number: f"{kind} {number}"
+    impacts = (("impact", 0),) * 40 + (("capture", 0),)
+    assert _sequence(impacts, name) == "41 (40 x impact 0, capture 0)"
+    assert _sequence(tuple(("switch", k % 2) for k in range(20)), name).endswith("switch 0, switch 1, ...)")
+    assert _sequence((), name) == "none"
+
+
+def test_measurements_are_printed_in_words():
+    """Of each column how many values there are and between which; of events those that were seen."""
+    record = measurements([0.0, 0.5, 2.0], [[1.0, 5.0], [np.nan, 6.0], [3.0, 7.0]], sigma=0.1, names=["x", "y [m]"],
+                          missing="skip", event_times=[0.25, np.nan], event_sigma=0.01)  # fmt: skip
+    assert str(record).splitlines() == [
+        "3 times from 0 to 2, with sigmas", "x: 2 values from 1 to 3", "y [m]: 3 values from 5 to 7",
+        "event times: 1 of 2 seen, [0.25]",
+    ]  # fmt: skip
+    assert str(measurements(event_times=[0.25], event_sigma=0.01)) == "event times: 1 of 1 seen, [0.25]"
