@@ -4,7 +4,7 @@ A parameter is a leaf with a floating point type. Every study names them by the 
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,6 +17,9 @@ from jaxtyping import Array, Float
 from .validation.spelling import did_you_mean
 
 _ENTRY = re.compile(r"(?P<leaf>.+)\[(?P<index>\d+(, ?\d+)*)\]")
+
+
+_PLACE = re.compile(r"\[(\d+)\]\.")
 
 
 class FlatParameters(NamedTuple):
@@ -32,8 +35,8 @@ class FlatParameters(NamedTuple):
         """Those of the chosen arrays, and chosen entries of arrays; the others stay as they are.
 
         Raises: ValueError for a name that is not among them, or for none."""
-        chosen = list(map(as_written, chosen))
         arrays = [split_name(name)[0] for name in self.names]
+        chosen = with_parts(chosen, dict.fromkeys(arrays))
         unknown = [name for name in chosen if name not in self.names and name not in arrays]
         if unknown or not chosen:
             known = list(dict.fromkeys(arrays))
@@ -81,17 +84,28 @@ def entry_names(name: str, shape: tuple[int, ...]) -> list[str]:
 
 
 def split_name(name: str) -> tuple[str, tuple[int, ...] | None]:
-    """`stiffness[1]` -> ("stiffness", (1,)); `mass` -> ("mass", None)."""
+    """`stiffness[1]` -> ("stiffness", (1,)); `mass` -> ("mass", None); `layers[0].bias` is `layers.0.bias`."""
     match = _ENTRY.fullmatch(name)
     if match is None:
-        return name, None
-    return match["leaf"], tuple(int(part) for part in match["index"].split(","))
+        return _PLACE.sub(r".\1.", name), None
+    return _PLACE.sub(r".\1.", match["leaf"]), tuple(int(part) for part in match["index"].split(","))
 
 
 def as_written(name: str) -> str:
-    """The name of an entry as `entry_names` has it: mass[0, 1] for mass[0,1]."""
+    """The name as `entry_names` has it: mass[0, 1] for mass[0,1]."""
     leaf, index = split_name(name)
-    return name if index is None else f"{leaf}[{', '.join(map(str, index))}]"
+    return leaf if index is None else f"{leaf}[{', '.join(map(str, index))}]"
+
+
+def with_parts(names: Sequence[str], known: Iterable[str]) -> list[str]:
+    """The names as they are written, with all parameters of a part, as a network, in the place of its name."""
+    known = list(known)
+
+    def within(part):
+        path = re.sub(r"\[(\d+)\]", r".\1", part)  # layers[1] is a part, as weight[1] is an entry
+        return [name for name in known if name.startswith(f"{path}.")]
+
+    return [name for given in map(as_written, names) for name in (within(given) or [given])]
 
 
 def replace(scene: Any, values: dict[str, Any]) -> Any:

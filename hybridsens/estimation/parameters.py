@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..parameters import as_written, check_names, entry_names, parameter_places, split_name
+from ..parameters import as_written, check_names, entry_names, parameter_places, split_name, with_parts
 from ..validation.arguments import as_real, by_name, pair
 from ..validation.spelling import did_you_mean
 
@@ -99,7 +99,7 @@ class Selection(eqx.Module):
 def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None = None) -> Selection:
     """The parameters with these names (None: all; a string: that one), within these bounds.
 
-    Names are those of whole arrays, `mass`, or of entries, `mass[0]`; so are those of bounds.
+    Names are those of whole arrays, `mass`, of entries, `mass[0]`, or of parts that hold arrays, `network`.
     Raises: ValueError for a name that the scene does not have, a number named twice, bounds in the wrong order, or a
     guess that does not lie within its bounds.
     """
@@ -110,7 +110,7 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
     values = [name for name in names if not isinstance(name, str)]
     if values:
         raise TypeError(f"`parameters` must be names, such as {next(iter(known), 'name')!r}, but has {values[0]!r}.")
-    names, bounds = list(map(as_written, names)), by_entry("bounds", bounds)
+    names, bounds = with_parts(names, known), by_entry("bounds", bounds)
     _check_names("`parameters`", [name if name in known else _of_entry(scene, name) for name in names], list(known))
     leaves = jax.tree.leaves(scene)
     parts = tuple(_part(name, known, leaves) for name in names)

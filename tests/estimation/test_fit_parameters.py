@@ -11,7 +11,7 @@ from hybridsens.estimation.motions import state_names
 from hybridsens.estimation.parameters import select
 from hybridsens.estimation.prepare import beginning, prior
 from hybridsens.estimation.uncertainty import Noise, half_width, uncertainty
-from hybridsens.parameters import parameter_places
+from hybridsens.parameters import flatten_parameters, parameter_places
 from hybridsens.scenes import ElasticStop
 from tests.problems.sawtooth import Sawtooth
 
@@ -48,6 +48,17 @@ def test_single_entries_of_an_array_are_fitted():
         select(scene, "lengths", {"lengths[0, 1]": (0.0, 2.0), "lengths[0,1]": (0.0, 9.0)})
     of_all = select(scene, "lengths", {"lengths": (-1.0, 9.0), "lengths[0, 0]": (-2.0, 2.0)})
     assert of_all.lower.tolist() == [-2.0] + 5 * [-1.0] and of_all.upper.tolist() == [2.0] + 5 * [9.0]
+
+
+def test_a_part_stands_for_all_that_it_holds():
+    """Assert that a network's name selects its weights, and that a list is written as Python or as a path has it."""
+    scene = {"net": [Nested(ElasticStop(), jnp.ones(1)), {"bias": jnp.ones(2)}], "netto": jnp.ones(1)}
+    assert select(scene, "net").labels[-3:] == ("net.0.lengths[0]", "net.1.bias[0]", "net.1.bias[1]")
+    assert select(scene, "net[0].arm").labels == select(scene, "net.0.arm").labels
+    assert select(scene, ["net[1].bias[1]"], {"net[1].bias[1]": "positive"}).labels == ("net.1.bias[1]",)
+    assert flatten_parameters(scene).only(["net[0].lengths", "net[1]"]).names[-2:] == ("net.1.bias[0]", "net.1.bias[1]")
+    with pytest.raises(ValueError, match="each name once, but has 'net.1.bias"):
+        select(scene, ["net", "net[1].bias"])
 
 
 @pytest.mark.parametrize(
