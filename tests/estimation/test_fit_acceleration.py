@@ -1,5 +1,7 @@
 """Steps that bend: the correction against its closed form, and what it saves in a curved valley."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +20,7 @@ class Valley:
     at_stage_end = lambda self, end: self
     fails = False
     walls = 10
+    data, t0, horizon = SimpleNamespace(times=np.zeros(0)), 0.0, 1.0
 
     def residuals(self, z, adjoint):
         del adjoint
