@@ -26,10 +26,11 @@ def part_of(batch: Motion, index: Any) -> Motion:
             "events are arrays with an index each."
         )
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(index))
-    number = (jnp if traced else np).arange(math.prod(shape)).reshape(shape)
+    runs = math.prod(shape)
+    number = (jnp if traced else np).arange(runs).reshape(shape)
     # The index is that of the batch's axes alone: in a leaf itself `...` would reach through to its last axis.
     chosen = number[index]
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf).reshape(-1, *leaf.shape[axes:])[chosen], batch)
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf).reshape(runs, *leaf.shape[axes:])[chosen], batch)
 
 
 def must_be_known(count, wanted_by: str) -> None:

@@ -14,7 +14,7 @@ from tests.problems import shipped_motions as motions
 
 TOLERANCE = 1e-12
 # The quick ones show every kind of event without them.
-SLOW = ("bouncing-ball", "cylinder-slide", "double-pendulum-wall", "pendulum-wall", "stacked-balls", "vibrating-table")
+SLOW = ("bouncing-ball", "cylinder-slide", "double-pendulum-wall", "pendulum-wall", "stacked-balls")
 NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in SCENES]
 # These start in contact: another initial state would penetrate, or fall.
 START_CLOSED = {"cylinder-slide", "vibrating-table"}

@@ -66,6 +66,7 @@ def test_a_part_of_a_batch_is_taken_by_its_index(batch):
     assert long.end_time.tolist() == batch[1:].end_time.tolist() == batch[[1, 2]].end_time.tolist() == [1.0, 0.7]
     _same(batch[..., 1], batch[1])
     twice = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), batch)
+    assert eqx.tree_at(lambda b: b.final, batch, jnp.zeros((3, 0)))[1].final.shape == (0,), "a leaf of no numbers"
     traced = jax.jit(lambda twice, i: twice[..., i])(twice, 1)
     for column in (twice[..., 1], twice[:, 1], twice[[0, 1], [1, 1]], traced):
         _same(column[0], batch[1])
