@@ -17,9 +17,8 @@ from jaxtyping import Array, Float
 from .validation.spelling import did_you_mean
 
 _ENTRY = re.compile(r"(?P<leaf>.+)\[(?P<index>\d+(, ?\d+)*)\]")
-
-
 _PLACE = re.compile(r"\[(\d+)\]\.")
+"""A place in a list as Python has it, `layers[0].bias`; a path has `layers.0.bias`."""
 
 
 class FlatParameters(NamedTuple):

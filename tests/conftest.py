@@ -9,7 +9,7 @@ import pytest
 
 HERE = Path(__file__).parent
 WALKS = ("xla/rewriting", "xla/reductions", "xla/scatters")
-"""Modules that are asked once for each equation of each trace: to check their arguments took a tenth of all time."""
+"""Modules that are asked once for each equation of each trace: of ten checked calls nine were theirs."""
 
 
 def _checked_modules() -> list[str]:

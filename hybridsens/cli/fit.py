@@ -1,7 +1,9 @@
 """`hybridsens fit`: parameters of a scene from a CSV file."""
 
+import contextlib
 import functools
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,20 +55,18 @@ def fit(
 
     read = functools.partial(read_measurements, data, time=time or None, columns=names(columns) or None,
                              missing="skip" if skip_missing else "raise")  # fmt: skip
-    record = read()
-    if sigma is not None:
-        if record.sigmas is not None:
-            raise typer.BadParameter(f"--sigma must be left out, since {data} has columns sigma_... of its own")
-        record = read(sigma=sigma)
-    try:
+    with _told_in_options():
+        record = read()
+        if sigma is not None:
+            if record.sigmas is not None:
+                raise typer.BadParameter(f"--sigma must be left out, since {data} has columns sigma_... of its own")
+            record = read(sigma=sigma)
         result = run_fit(
             _with_guess(startable(scene), guess or []), record, parameters=names(parameters),
             bounds=by_name("--bound", bound or [], _bound), optimizer=optimizer, robust=robust, starts=starts,
             strategy=GrowingHorizon() if grow else None, max_iterations=max_iterations,
             progress=not (quiet or json), store=store,
         )  # fmt: skip
-    except ValueError as error:
-        raise ValueError(_in_options(str(error))) from error
     if json:
         print_json(_summary(result))
     else:
@@ -92,6 +92,14 @@ def _in_options(text: str) -> str:
     return text
 
 
+@contextlib.contextmanager
+def _told_in_options() -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(_in_options(str(error))) from error
+
+
 def _summary(result: Any) -> dict[str, Any]:
     """What a program wants to know of a fit."""
     intervals, errors = result.intervals(), result.standard_errors
@@ -100,7 +108,7 @@ def _summary(result: Any) -> dict[str, Any]:
         "converged": result.converged, "stopped": result.stopped, "iterations": result.iterations,
         "loss": result.loss, "noise": result.uncertainty.noise, "on_bound": result.on_bound,
         "residual_correlation": result.residual_correlation,
-        "undetermined": result.undetermined, "remarks": result.remarks,
+        "undetermined": result.undetermined, "remarks": list(map(_in_options, result.remarks)),
         "parameters": [
             dict(name=name, guess=guess, value=value, standard_error=errors[name], interval_95=intervals[name])
             for name, guess, value in values

@@ -38,9 +38,9 @@ class GradientCheck(NamedTuple):
         lines = [name_and_numbers("dJ/d", columns, width)]
         shown = self._shown()
         lines += [_parameter_line(entry, width) for entry in shown]
-        if left := len(self.parameters) - len(shown):
-            wrong = sum(bool(entry.verdict) for entry in self.parameters) - sum(bool(entry.verdict) for entry in shown)
-            lines.append(f"... and {left} more, of which {wrong} are in doubt")
+        if hidden := [entry for entry in self.parameters if entry not in shown]:
+            doubtful = sum(bool(entry.verdict) for entry in hidden)
+            lines.append(f"... and {len(hidden)} more, of which {doubtful} are in doubt")
         lines += ["", *_event_lines(self.events)] if self.events else []
         if self.ok:
             all_tested = not any(entry.verdict for entry in self.events)

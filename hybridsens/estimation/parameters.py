@@ -111,7 +111,8 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
     if values:
         raise TypeError(f"`parameters` must be names, such as {next(iter(known), 'name')!r}, but has {values[0]!r}.")
     names, bounds = with_parts(names, known), by_entry("bounds", bounds)
-    _check_names("`parameters`", [name if name in known else _of_entry(scene, name) for name in names], list(known))
+    arrays = [name if name in known else _of_entry(scene, name, known) for name in names]
+    _check_names("`parameters`", arrays, list(known))
     leaves = jax.tree.leaves(scene)
     parts = tuple(_part(name, known, leaves) for name in names)
     entries = [[name] if part.index else entry_names(name, part.shape) for name, part in zip(names, parts, strict=True)]
@@ -146,10 +147,10 @@ def _check_once(labels: list[str]) -> None:
         raise ValueError(f"`parameters` must have each name once, but has {twice[0]!r} more than once.")
 
 
-def _of_entry(scene, name: str) -> str:
+def _of_entry(scene, name: str, known: Mapping[str, int]) -> str:
     """The array that `mass[0]` names an entry of. Raises: ValueError where it has no such entry."""
     leaf, index = split_name(name)
-    if index is None or leaf not in parameter_places(scene):
+    if index is None or leaf not in known:
         return name
     check_names(scene, [name])
     return leaf

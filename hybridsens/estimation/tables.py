@@ -69,10 +69,14 @@ def read_measurements(
     return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
 
 
+def _without_unit(name: Any) -> str:
+    return _IN_BRACKETS.sub("", str(name)).strip()
+
+
 def _with_unit(name: str, table: Mapping[str, Any]) -> str:
     """The column of this name, whose unit may be left off; the name itself where not one alone is meant."""
     meant = [column for column in table if str(column) == name] or [
-        column for column in table if _IN_BRACKETS.sub("", str(column)).strip() == name
+        column for column in table if _without_unit(column) == name
     ]
     return meant[0] if len(meant) == 1 else name
 
@@ -124,7 +128,7 @@ def _check_unit_of_times(name: Any, unit: str | None) -> None:
 
 def _is_near(name: str) -> bool:
     """Whether a column may be the times, by its name, whatever the unit."""
-    return name.lower().startswith("time") or _IN_BRACKETS.sub("", name).strip() == "t"
+    return name.lower().startswith("time") or _without_unit(name) == "t"
 
 
 def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str] | None) -> list[str]:
@@ -198,8 +202,7 @@ def _from_pandas(data: Any, time: str | None) -> dict[str, np.ndarray]:
     columns = {str(name): data[name].to_numpy() for name in data.columns}
     index: Any = getattr(data, "index", None)  # tables of other libraries have none
     name = getattr(index, "name", None)
-    bare = _IN_BRACKETS.sub("", str(name)).strip()
-    wanted = time in (name, bare) if time else not any(known in columns for known in _TIMES)
+    wanted = time in (name, _without_unit(name)) if time else not any(known in columns for known in _TIMES)
     if name is None or not wanted or index.to_numpy().dtype.kind not in "iufmM":
         return columns
     return {str(name): index.to_numpy(), **columns}

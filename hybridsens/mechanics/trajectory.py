@@ -156,9 +156,9 @@ class Trajectory(eqx.Module):
     def to_xarray(self):
         """An xarray Dataset of all that is here, with events in as many rows as there were.
 
-        Coordinates are named as the scene's `coordinates`, contacts as its `contacts`, if it has them; a batch does not
-        know its scene (`batch.come_from(scene).to_xarray()`). A batch has the
-        dimension `run` in front of all others, and rows for the most events of a motion.
+        Coordinates are named as the scene's `coordinates`, contacts as its `contacts`, if it has them. A batch has the
+        dimension `run` in front of all others, rows for the most events of a motion, and names where it is told its
+        scene: `batch.come_from(scene).to_xarray()`.
         Raises: ImportError without xarray; ValueError for a batch of more than one axis or inside of a JAX
         transformation."""
         return motion_dataset(self, self._scene)

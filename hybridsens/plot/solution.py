@@ -36,13 +36,16 @@ def plot_solution(solution: Solution, leaves: Sequence[str] | None = None) -> Fi
     solution_times(solution)
     states, modes = _chosen(solution, leaves)
     figure = new_figure((8, 1.2 + 1.6 * (len(states) + len(modes) + 1)))
-    draw_solution(solution, figure, leaves)
+    _draw_panels(solution, figure, states, modes)
     return figure
 
 
-def draw_solution(solution: Solution, figure: Figure | SubFigure, leaves: Sequence[str] | None = None) -> None:
-    """The same in a part of a figure."""
-    states, modes = _chosen(solution, leaves)
+def draw_solution(solution: Solution, figure: Figure | SubFigure) -> None:
+    """The same of all leaves in a part of a figure."""
+    _draw_panels(solution, figure, *_chosen(solution, None))
+
+
+def _draw_panels(solution: Solution, figure: Figure | SubFigure, states: dict, modes: list[dict]) -> None:
     panels = len(states) + len(modes) + 1
     axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
     seen = _events_between_samples(solution)

@@ -51,7 +51,7 @@ def _as_array(module: Any, name: str, value: Any) -> jax.Array:
     if value is None or isinstance(value, str):  # NumPy would make numbers of them
         raise refusal
     try:
-        return jnp.array(value, float)
+        return jnp.array(value, value.dtype if isinstance(value, np.ndarray) else float)  # float32 is meant
     except (TypeError, ValueError) as error:
         raise refusal from error
 

@@ -58,6 +58,9 @@ def test_advice_is_given_in_options(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("hybridsens.estimation.fit", lambda scene, data, **named: told())
     fit("elastic-stop", record, "distance")
     assert capsys.readouterr().out == "--starts 8 looks for another, and so does --grow\n"
+    record.write_text("t,q0\n0.1,0.2\n0.2,\n")
+    with pytest.raises(ValueError, match="--skip-missing"):
+        fit("elastic-stop", record, "distance")
 
 
 def test_sigmas_come_from_the_file_or_from_the_option(monkeypatch, tmp_path):

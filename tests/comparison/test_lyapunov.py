@@ -45,3 +45,9 @@ def test_what_grows_is_printed_in_a_few_lines():
     found = str(hs.lyapunov(Saddle(), {"a": 1.0, "b": 2.0}, t1=1.0))
     assert found.startswith("exponent 1: a variation of the initial state grows 2.71828 times, at most")
     assert "[[2.718282 0.]" in found and found.endswith("motion: successful, 0 events")
+
+
+def test_a_motion_that_breaks_off_is_told_in_forward_mode():
+    """Assert that its status is raised: times of events are known by their tangents alone there, and are left out."""
+    with pytest.raises(hs.SimulationError, match="max_events_reached"):
+        hs.lyapunov(hs.systems.Thermostat(), 20.0, False, t1=500.0, max_events=3)

@@ -119,6 +119,7 @@ def test_arrays_of_numpy_become_those_of_jax():
 
     system = Of(np.array([1.0, 2.0]), np.array([3]))
     assert isinstance(system.amount, jax.Array) and type(system.place) is np.ndarray
+    assert Of(np.ones(2, np.float32), np.array([3])).amount.dtype == jnp.float32
     assert float(hs.solve(system, 0.0, t1=0.5).final) == pytest.approx(2 + np.exp(-0.25), rel=1e-7)
 
 
