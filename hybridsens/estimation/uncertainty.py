@@ -123,18 +123,20 @@ def _inverse(rows: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def _rank(rows: np.ndarray) -> int:
     """In how many directions parameters move the rows; of two that do the same, one counts."""
     told = rows[:, np.any(rows != 0, axis=0)]
-    if told.size == 0:
-        return 0
-    s = np.linalg.svd(told / np.linalg.norm(told, axis=0), compute_uv=False)
-    return int(np.sum(s > _NULL * s[0]))
+    return 0 if told.size == 0 else int(np.sum(~_directions(told)[-1]))
+
+
+def _directions(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Lengths of the columns, singular values and directions of what they are at length 1, and which of these are null.
+    So a parameter which is known much worse than others is not taken for one that is not known at all."""
+    length = np.linalg.norm(rows, axis=0)
+    _, s, vt = np.linalg.svd(rows / length, full_matrices=False)
+    return length, s, vt, s <= _NULL * s[0]
 
 
 def _inverse_told(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same where all have rows. Columns are made equally long, so that a parameter which is known much worse than
-    others is not taken for one that is not known at all."""
-    length = np.linalg.norm(rows, axis=0)
-    _, s, vt = np.linalg.svd(rows / length, full_matrices=False)
-    null = s <= _NULL * s[0]
+    """The same where all have rows."""
+    length, s, vt, null = _directions(rows)
     inverse = (vt[~null].T / s[~null] ** 2) @ vt[~null] / np.outer(length, length)
     touched = np.any(np.abs(vt[null]) > 1e-3, axis=0) if null.any() else np.zeros(rows.shape[1], bool)
     inverse[np.diag_indices_from(inverse)] += np.where(touched, np.inf, 0)

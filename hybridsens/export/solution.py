@@ -67,7 +67,7 @@ def _named(events: Any, column: str, row: tuple[str, ...] = ("event",)) -> dict[
     """A column with the name of each event, "" in padding; none where they have no names."""
     if events.names is None:
         return {}
-    return {column: (row, np.array([*events.names, ""])[events.guard])}
+    return {column: (row, np.array([*events.names, ""])[events.guard])}  # the -1 of padding is the last, ""
 
 
 def _columns(root: str, tree: Any) -> dict[str, np.ndarray]:
