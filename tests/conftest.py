@@ -1,6 +1,7 @@
 """What every test starts from: shapes and types checked at run time, double precision, a cache of programs."""
 
 import gc
+import os
 from pathlib import Path
 
 import jax
@@ -25,6 +26,14 @@ jaxtyping.install_import_hook(_checked_modules(), "beartype.beartype")
 
 import hybridsens  # noqa: E402
 
+QUICK = "--xla_cpu_use_fusion_emitters=false --xla_disable_hlo_passes=while-loop-invariant-code-motion"
+"""A program's small kernels are compiled in XLA's older way, and loops that hardly run are not improved: a sixth less
+time for all tests. Large batches run slower so, for which users keep XLA's own settings."""
+
+# A process ends where XLA does not know a flag.
+if jax.__version_info__[:2] == (0, 10):
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {QUICK}"
+jax.config.update("jax_traceback_in_locations_limit", 0)  # where an operation was written is not looked for
 hybridsens.configure()
 
 CORE = (
