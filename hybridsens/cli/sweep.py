@@ -2,6 +2,7 @@
 
 import math
 import os
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -73,16 +74,21 @@ def sweep(
     chosen = _design(nominal, vary, design, points, seed)
     if plot is not None:
         _check_map(chosen)
-    cost = _cost(nominal.t1 if t1 is None else t1, tolerance, max_events, max_steps)
+    end = nominal.t1 if t1 is None else t1
+    cost = _cost(end, tolerance, max_events, max_steps)
     store = output if output.suffix == ".zarr" else None
     units = {row.name: row.unit for row in parameter_texts(nominal) if row.unit}
-    dataset = run_sweep(cost, chosen, events=events, store=store, chunk=chunk, units=units)
+    about = {"made_by": f"hybridsens {version('hybridsens')}", "t1": float(end), "tolerance": tolerance}
+    dataset = run_sweep(cost, chosen, events=events, store=store, chunk=chunk, units=units, about=about)
     if store is None:
         write_netcdf(dataset, output)
     print(f"results: {output}")
     if plot is not None:
         plot_sweep(dataset).savefig(plot, dpi=120)
         print(f"picture: {plot}")
+    if not np.isfinite(dataset.J).any():
+        print("No point has a value: see the table above.")
+        raise typer.Exit(1)
 
 
 def _use_all_cores() -> None:

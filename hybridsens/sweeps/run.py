@@ -44,6 +44,7 @@ def sweep(
     mapped: bool | None = None,
     client: Any = None,
     units: Mapping[str, str] | None = None,
+    about: Mapping[str, Any] | None = None,
     progress: bool = True,
 ) -> "xr.Dataset":
     """Value J and gradient dJ/d(parameter) at many points, on all devices of the machine, with status and events.
@@ -68,6 +69,7 @@ def sweep(
     - `mapped`: run a device's points one after the other (default on a CPU) or in step (default elsewhere).
     - `client`: a `dask.distributed` client; needs a `store` that all workers reach.
     - `units`: units by the name of a parameter or result, for the attributes of the Dataset.
+    - `about`: what else the Dataset should tell in its attributes, such as the horizon and the tolerance of the cost.
     - `progress`: show a bar, and a table of statuses at the end. Ctrl-C ends the sweep and keeps the chunks that are
       finished; the attribute `interrupted` says so.
 
@@ -93,7 +95,7 @@ def sweep(
     units = dict(units or {})
     layout, coords = variables(design, shapes(program, first), units), coordinates(design, units)
     edges = tile_shape(design.shape, chunk)
-    attributes = _about(design)
+    attributes = dict(about or {}) | _about(design)
     if store is None:
         target = MemoryStore(layout)
     else:
