@@ -10,6 +10,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -150,7 +151,9 @@ class Trajectory(eqx.Module):
         past = np.searchsorted(self.events.time[: int(self.events.count)], self.ts, side="right")
         modes = lambda first, later: jnp.concatenate([jnp.asarray(first)[None], later])[past]
         mode = jax.tree.map(modes, again.args[2], self.events.mode)
-        found = jax.jit(jax.vmap(jax.grad(value)))(State(self.q, self.v), before_end, mode)
+        one = lambda sample: jax.grad(value)(*sample)
+        # One after the other: the program of a batch takes longer to compile than these take to run.
+        found = jax.jit(lambda samples: lax.map(one, samples))((State(self.q, self.v), before_end, mode))
         return jax.tree.map(lambda leaf: jnp.where(inside[:, None], leaf, jnp.nan), found)
 
     def to_xarray(self):
