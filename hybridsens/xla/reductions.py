@@ -108,7 +108,7 @@ PIECES, LONG, LONGEST = 8, 128, 2**14
 """More than `LONG` numbers are cut into so many pieces, and these again. All that an entry is made from would be
 compiled for each piece then, so it is worked out before. More than `LONGEST` are left to XLA."""
 RUNNING = 64
-"""The longest running sum that is made by a product with a triangle of ones, which takes n^2 operations."""
+"""The longest running sum that is made from a square of numbers, which takes n^2 operations."""
 
 
 def long_reduction(equation: JaxprEqn):
@@ -124,6 +124,8 @@ def long_reduction(equation: JaxprEqn):
     if name not in REDUCTIONS or len(equation.params["axes"]) != 1:
         return None
     x, (axis,) = given[0], equation.params["axes"]
+    if REDUCTIONS[name][1] in (jnp.any, jnp.all) and x.dtype != bool:  # of integers they are bit by bit
+        return None
     return (lambda x: _in_pieces(name, x, axis)) if _is_long(x.shape[axis]) else None
 
 
@@ -145,11 +147,16 @@ def _in_pieces(name, x, axis):
 
 
 def _running_sum(x, axis, reverse):
-    """Sums of all entries up to each one, or from each one on, as a product. An entry that is infinite makes all of
-    them not a number, not only those that hold it."""
+    """Sums of all entries up to each one, or from each one on: those of the rows of a square that has zeros in the
+    place of the others. As a product with ones and zeros, one infinite entry would spoil all of them."""
     count = x.shape[axis]
     if not jnp.issubdtype(x.dtype, jnp.floating) or not 0 < count <= RUNNING:
         return None
-    ones = np.tri(count, dtype=x.dtype)
-    product = functools.partial(jnp.tensordot, ones.T if reverse else ones, axes=(1, axis), precision="highest")
-    return lambda x: jnp.moveaxis(product(x), 0, axis)
+    belongs = np.tri(count, dtype=bool)
+    belongs = belongs.T if reverse else belongs
+
+    def sums(x):
+        rows = jnp.where(belongs, jnp.moveaxis(x, axis, -1)[..., None, :], 0)
+        return jnp.moveaxis(add_up(rows, axis=-1), -1, axis)
+
+    return sums

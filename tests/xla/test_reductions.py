@@ -184,6 +184,21 @@ def test_a_running_sum_is_the_same(size):
     assert_same(changed(x), plain(x), rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.parametrize("value", [jnp.inf, -jnp.inf, jnp.nan])
+def test_what_is_infinite_is_in_its_own_sums_alone(value):
+    """Assert that a running sum is finite up to an entry that is not: durations of which the last one never ends."""
+    x, (plain, changed) = numbers(37).at[30].set(value), together(SUMS)
+    assert_same(changed(x), plain(x), rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("size", [5, 40, 41, 129])
+def test_integers_are_joined_bit_by_bit(size):
+    """Assert that of 32 integers and more a union is no truth value."""
+    for union in (jnp.bitwise_or.reduce, jnp.bitwise_and.reduce):
+        x = 1 << (jnp.arange(size) % 7) | 128
+        np.testing.assert_array_equal(jax.jit(rewritten(union))(x), union(x), strict=True)
+
+
 @pytest.mark.parametrize("function", [SUMS["running"], SUMS["from the end"], *map(REDUCTIONS.get, ("sum", "norm"))])
 @pytest.mark.parametrize("size", [40, 300])
 def test_its_derivatives_are_the_same(function, size):
