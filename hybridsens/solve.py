@@ -33,6 +33,7 @@ from .validation.asked import kind_of
 from .validation.direction import forward_only, reverse_only
 from .validation.not_finite import not_finite_among
 from .validation.numbers import told_of_constants
+from .validation.own_start import check_mode_given
 from .validation.same_function import same_function
 from .waiting import waiting
 
@@ -94,6 +95,7 @@ def solve(
     system, running_cost = told_of_constants(system), same_function(running_cost)
     check_settings(max_events, max_steps, solver, adjoint, throw)
     x0, dtype = state_as_arrays(x0)
+    check_mode_given(system, mode, "system")
     mode = mode_as_arrays(mode)
     t0, t1 = (real_array(name, t, 0).astype(dtype) for name, t in (("t0", t0), ("t1", t1)))
     ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)

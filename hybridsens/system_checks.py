@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from .system import AbstractHybridSystem
 from .validation.asked import Asked, is_method, kind_of
 from .validation.lost_derivatives import hides_tracers, method_of, undifferentiated, warn_of_mode_after
+from .validation.own_start import other_structure_told
 from .validation.returned import must_have_shape, must_match, outcome, returned_array, returned_leaves
 from .validation.transition import check_change
 
@@ -81,7 +82,14 @@ def check_system(system: AbstractHybridSystem, running_cost, t, x, mode) -> tupl
     like = lambda tree: jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree)
     t, x, mode = like((t, x, mode))
     flow, guards = (Asked.of(system, f"{name}(t, x, mode)") for name in ("flow", "guards"))
-    must_match(flow, "the state's rate", outcome(flow, t, x, mode), x, exact=False)
+    try:
+        rate = outcome(flow, t, x, mode)
+    except (TypeError, AttributeError, KeyError, IndexError) as error:
+        told = other_structure_told(system, x)
+        if told:
+            raise TypeError(told) from error
+        raise
+    must_match(flow, "the state's rate", rate, x, exact=False)
     guards = must_have_shape(guards, returned_array(guards, t, x, mode), ("guard",))
     counts = Counts(guards.shape[0], _scheduled_count(system, x, mode))
     if counts != (0, None):

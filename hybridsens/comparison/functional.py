@@ -63,10 +63,21 @@ def running_cost_functional(scene, simulate):
 def ready_made_motion(scene: Any, simulate, **settings):
     """The motion of a ready-made scene or system, with its running cost; `settings` replace its own."""
     start = (scene.initial_state(), *_mode(scene))
-    settings.setdefault("running_cost", lambda scene, *instant: scene.running_cost(*instant))
+    settings.setdefault("running_cost", _own_running_cost)
     if "t1" not in settings:
         settings["t1"] = scene.t1
     return simulate(scene, *start, **settings)
+
+
+def _own_running_cost(scene: Any, *instant):
+    """The running cost that a scene or a system has as a method; one of a scene with switches may leave out the mode,
+    the last of (t, q, v, mode)."""
+    method = scene.running_cost
+    try:
+        inspect.signature(method).bind(*instant)
+    except TypeError:
+        instant = instant[:-1]
+    return method(*instant)
 
 
 def _mode(scene: Any) -> tuple:
