@@ -1,6 +1,8 @@
 """How much work a motion took; and what becomes of one that did not reach its end: it is raised, or made nan."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from typing import Any, NamedTuple, TypeVar, cast
 
 import equinox as eqx
@@ -26,6 +28,26 @@ class Steps(NamedTuple):
 
 class SimulationError(RuntimeError):
     """A motion that did not reach its end, with `throw=True`."""
+
+
+_not_raised: ContextVar[list[bool] | None] = ContextVar("not_raised", default=None)
+
+
+@contextlib.contextmanager
+def noting_motions_not_raised() -> Iterator[list[bool]]:
+    """What is given has an entry for each motion with `throw=False` that is computed, or traced, inside."""
+    token = _not_raised.set(noted := [])
+    try:
+        yield noted
+    finally:
+        _not_raised.reset(token)
+
+
+def note_not_raised() -> None:
+    """A motion with `throw=False` is computed: what it ended with, its caller looks at."""
+    noted = _not_raised.get()
+    if noted is not None:
+        noted.append(True)
 
 
 Motion = TypeVar("Motion", bound=eqx.Module)

@@ -26,20 +26,19 @@ from .mechanics.mode import ContactMode, EventKind, default_capture_speed
 from .mechanics.scene import AbstractScene, State
 from .mechanics.smoothness import warn_of_discontinuities
 from .mechanics.switched import SwitchedMode, SwitchedSystem
-from .mechanics.switches import (
-    AbstractSwitchedScene,
-    check_mode,
-    check_switches,
-    has_switches,
-    in_mode,
-    switch_rules,
-    warn_of_switch,
-)
+from .mechanics.switches import AbstractSwitchedScene, check_mode, check_switches, in_mode, switch_rules, warn_of_switch
 from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Events, Trajectory
 from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .numerics.shapes import Shapes
-from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended, where_in_doubt
+from .outcome import (
+    Steps,
+    nan_unless_reached,
+    note_not_raised,
+    raise_unless_successful,
+    where_ended,
+    where_in_doubt,
+)
 from .passes import Options, Problem
 from .reported import Reported
 from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
@@ -47,7 +46,6 @@ from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.direction import forward_only, reverse_only
 from .validation.numbers import told_of_constants
-from .validation.own_start import check_mode_given
 from .validation.same_function import same_function
 from .waiting import waiting
 
@@ -140,8 +138,6 @@ def simulate(
     )
     check_mesh(scene, running_cost, state, t0, t1, ts)
     jump_ts = declared_jump_times(scene, jump_ts, state.q.dtype)
-    if has_switches(scene):
-        check_mode_given(scene, mode, "scene")
     mode = mode_as_arrays(mode)
     if scene.located_discontinuities:
         scene, running_cost, mode = located(scene, running_cost, t0, state, mode)
@@ -166,6 +162,8 @@ def simulate(
     elif throw:
         shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
         trajectory = raise_unless_successful(trajectory, shown)
+    else:
+        note_not_raised()
     trajectory = trajectory if adjoint.reverse_mode else forward_only(trajectory)
     known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
     return trajectory.come_from(written, again) if known else trajectory

@@ -21,7 +21,14 @@ from .forward.solver import RunSettings
 from .located.system import located, own_guards, own_mode, own_number
 from .numerics.sample_times import time_in_the_way
 from .numerics.shapes import Shapes
-from .outcome import Steps, nan_unless_reached, raise_unless_successful, where_ended, where_in_doubt
+from .outcome import (
+    Steps,
+    nan_unless_reached,
+    note_not_raised,
+    raise_unless_successful,
+    where_ended,
+    where_in_doubt,
+)
 from .passes import Options, Problem
 from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
@@ -135,6 +142,8 @@ def solve(
     elif throw:
         told = lambda solution: _shown_by_values(*written, (t0, t1, ts), solution)
         solution = raise_unless_successful(solution, told)
+    else:
+        note_not_raised()
     solution = solution if adjoint.reverse_mode else forward_only(solution)
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 

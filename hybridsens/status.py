@@ -53,6 +53,10 @@ class Status(eqx.Module):
         "cost, and at their derivatives, at the last time reached (that of `jnp.linalg.norm(v)` is nan at v = 0, that "
         "of `jnp.sqrt(v @ v + 1e-30)` is 0; that of `jnp.where` is nan where that of the branch that was not taken is)."
     )
+    cost_not_finite = outcome(
+        "the motion reached its end, but what the cost makes of it, or the gradient of that, is not finite. Look at "
+        "what it reads of events that did not come, whose times are inf, and at its own functions."
+    )
     grazing = outcome(
         "the motion reached its end, but touched or missed an event so narrowly that the tolerances cannot tell "
         "which. Values are right to the order of its speed; derivatives are not (at grazing they do not exist). "

@@ -9,6 +9,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from ..adjoint.control import is_noise
 from ..adjoint.methods import ForwardSensitivities
 from ..export.text import array_text, preformatted
 from ..mechanics.scene import AbstractScene
@@ -24,7 +25,9 @@ class Growth(NamedTuple):
 
     exponent: Float[Array, ""]
     """log(growth) / (t1 - t0), the largest finite-time Lyapunov exponent [1/s]; nan for a motion that broke off
-    before t1 (with `throw=False`), whose growth and matrix are those of its last state."""
+    before t1 (with `throw=False`), whose growth and matrix are those of its last state, and where `growth` is below
+    2e-13 (in single precision 1e-4): variations that have shrunk so far are rounding. Begin again where they are
+    larger: of motions that follow one another the matrices are to be multiplied."""
     growth: Float[Array, ""]
     """Largest singular value of `matrix`: by how much the worst variation of the initial state is multiplied."""
     matrix: Float[Array, "state state"]
@@ -78,5 +81,6 @@ def lyapunov(
 
     matrix, trajectory = jax.jacfwd(final, has_aux=True)(start)
     growth = jnp.linalg.norm(matrix, 2)
-    exponent = jnp.where(trajectory.status.reached_end, jnp.log(growth) / (t1 - t0), jnp.nan)
+    known = trajectory.status.reached_end & ((growth == 0) | ~is_noise(growth, jnp.ones_like(growth)))
+    exponent = jnp.where(known, jnp.log(growth) / (t1 - t0), jnp.nan)
     return Growth(exponent, growth, matrix, trajectory)

@@ -45,7 +45,8 @@ class Point(NamedTuple):
 
     @property
     def is_reference(self) -> bool:
-        """Whether it is the very run that errors are measured against, so that it has none."""
+        """Whether it is the very run that errors are measured against, or one that agrees with that to the last digit,
+        as of a motion that every solver follows exactly: its error is not known."""
         return self.value_error == 0 and self.gradient_error == 0
 
 
@@ -88,7 +89,7 @@ class WorkPrecision(NamedTuple):
         lines = [f"{'':2}{'setting':{width}}{'value err':>11}{'gradient err':>13}{'time':>12}"]
         for point in self.points:
             errors = f"{point.value_error:>11.1e}{point.gradient_error:>13.1e}"
-            errors = f"{'(the reference)':>24}" if point.is_reference else errors
+            errors = f"{'(as the reference)':>24}" if point.is_reference else errors
             numbers = f"{errors}{1e3 * point.seconds:>9.3f} ms"
             mark = "* " if point in front else "  "
             lines.append(f"{mark}{point.label:{width}}" + (f"  failed: {point.failure}" if point.failure else numbers))

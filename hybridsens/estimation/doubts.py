@@ -104,10 +104,12 @@ def _outliers(result: Any) -> Iterator[str]:
         spread = stats.median_abs_deviation(residuals[known], scale=float(stats.norm.ppf(0.75)))
         far = np.flatnonzero(known & (np.abs(residuals - np.median(residuals[known])) > _FAR * spread))
         if spread > _EXACT * np.std(values[known]) and 0 < far.size <= _FEW * known.sum():
+            other, harm = "give `sigma` and", "widen all intervals"
+            if data.sigmas_known:  # which the intervals take at their word
+                other, harm = "give", "draw the estimates to them"
             yield (
                 f"residuals of {name} are more than {_FAR} times as large as most others at {rows_told(far)}. If these "
-                "are outliers, leave them out (nan, with `missing=\"skip\"`), or give `sigma` and `robust=3`; they "
-                "widen all intervals"
+                f"are outliers, leave them out (nan, with `missing=\"skip\"`), or {other} `robust=3`; they {harm}"
             )
 
 

@@ -174,8 +174,10 @@ def half_width(error, level: float, freedom: float):
 
 
 def neighbour_correlation(residuals: np.ndarray) -> float:
-    """sum r_i r_(i+1) / sum r_i^2 over neighbours that were both measured; NaN without at least two pairs."""
+    """sum r_i r_(i+1) / (sum r_i^2 sum r_(i+1)^2)^(1/2) over neighbours that were both measured; NaN without at least
+    two pairs."""
     r = np.asarray(residuals)
     pairs = np.isfinite(r[:-1]) & np.isfinite(r[1:])
-    total = np.mean(r[np.isfinite(r)] ** 2) if pairs.sum() > 1 else 0.0
-    return float(np.mean((r[:-1] * r[1:])[pairs]) / total) if total > 0 else float("nan")
+    one, next_one = r[:-1][pairs], r[1:][pairs]
+    size = np.sqrt(np.sum(one**2)) * np.sqrt(np.sum(next_one**2))
+    return float(one @ next_one / size) if pairs.sum() > 1 and size > 0 else float("nan")

@@ -53,7 +53,7 @@ REMEDIES = {
     "gap": "For a minimum of gaps write one gap for each, and round off the corner of a maximum.",
     "state": "For a jump in q or v set `located_discontinuities = True` in the scene, which makes comparisons events "
     "(a cast to integers is not made one: write `jnp.floor`); or make it a contact, or a switch of an "
-    "`AbstractSwitchedScene`.",
+    "`AbstractSwitchedScene`, as where dry friction brings a body to rest.",
 }
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..validation.asked import Asked
 from ..validation.lost_derivatives import hides_tracers, method_of, warn_of_mode_after
+from ..validation.own_start import check_mode_given
 from ..validation.returned import must_have_shape, returned_array
 from ..validation.transition import check_change
 from .scene import AbstractScene, State
@@ -123,6 +124,8 @@ def check_mode(scene: Any, mode: Any) -> None:
             f"`mode` must be left out for a {type(scene).__name__}, which has no switches. It is the third argument: "
             "times are given by name, t1=1.0. A scene whose force has modes is a hybridsens.AbstractSwitchedScene."
         )
+    if has_switches(scene):
+        check_mode_given(as_written(scene), mode, "scene")
 
 
 def check_switches(scene: AbstractSwitchedScene, state: State, mode: Any) -> int:

@@ -140,7 +140,16 @@ class Trajectory(eqx.Module):
         asked = Asked("cost(trajectory)", cost)
 
         def value(state, t, mode):
-            J = asked(again.func(again.args[0], state, mode, **{**again.keywords, "t0": t, "throw": "nan"}))
+            following = again.func(again.args[0], state, mode, **{**again.keywords, "t0": t, "throw": "nan"})
+            try:
+                J = asked(following)
+            except TypeError as error:
+                if "NoneType" not in str(error):
+                    raise
+                raise TypeError(
+                    "`cost` must be made of what follows a sample, as the final state or a running cost, but reads "
+                    f"samples, or a running cost that there is not: {error}."
+                ) from error
             if J is None or jnp.shape(J) != ():
                 returned = "None" if J is None else f"an array of shape {jnp.shape(J)}"
                 raise TypeError(f"`cost` must return a number of each trajectory, but returns {returned}.")

@@ -62,9 +62,11 @@ def _differentiate(cost, scene, wanted: Wanted) -> tuple[Any, Any, dict[str, Any
 
 def _status(j, trajectory, gradient) -> Status:
     """The motion's status; a success whose value or gradient is not finite after all is none."""
-    status = Status.successful if trajectory is None else trajectory.status
     finite = jnp.all(jnp.isfinite(jnp.concatenate([jnp.ravel(d) for d in (j, *gradient.values())])))
-    return Status.where((status == Status.successful) & ~finite, Status.non_finite, status)
+    if trajectory is None:
+        return Status.where(finite, Status.successful, Status.non_finite)
+    status = trajectory.status
+    return Status.where((status == Status.successful) & ~finite, Status.cost_not_finite, status)
 
 
 def _value_and_trajectory(out, wanted: Wanted):

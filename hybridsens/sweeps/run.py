@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from ..outcome import noting_motions_not_raised
 from ..parameters import parameters
 from ..validation.arguments import whole_number
 from ..validation.asked import kind_of
+from ..validation.caller import warn_caller
 from ..validation.spelling import did_you_mean
 from .cluster import run_on_cluster
 from .dataset import coordinates, from_memory, from_store, variables, xarray
@@ -49,7 +51,8 @@ def sweep(
 ) -> "xr.Dataset":
     """Value J and gradient dJ/d(parameter) at many points, on all devices of the machine, with status and events.
 
-    A point that fails is marked in `status` and has NaN as J and gradient; it does not stop the others. At a grazing
+    A point that fails is marked in `status` and has NaN as J and gradient; it does not stop the others. (Of a motion
+    with `throw=False` that the cost does not return nothing is known: a warning says so.) At a grazing
     point the gradient alone is NaN.
 
     Arguments:
@@ -93,7 +96,14 @@ def sweep(
     program = Program(cost, design.scene, wanted)
     first = design.block({name: slice(0, 1) for name in design.shape})
     units = dict(units or {})
-    layout, coords = variables(design, shapes(program, first), units), coordinates(design, units)
+    with noting_motions_not_raised() as not_raised:
+        point = shapes(program, first)
+    if not_raised and "steps" not in point:
+        warn_caller(
+            "The cost returns J alone, of a motion with `throw=False`: a point whose motion broke off would count as "
+            "successful, with the J of where it did. Return (J, motion), or simulate with `throw=\"nan\"`."
+        )
+    layout, coords = variables(design, point, units), coordinates(design, units)
     edges = tile_shape(design.shape, chunk)
     attributes = dict(about or {}) | _about(design)
     if store is None:

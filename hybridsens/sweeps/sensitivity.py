@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..parameters import split_name
+from ..status import Status
 from ..validation.caller import warn_caller
 from .dataset import xarray
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+ROUNDINGS = 100
+"""Results that differ by no more roundings of their size are the same."""
 
 
 def sobol_indices(dataset: "xr.Dataset", value: str = "J", confidence: float = 0.95) -> "xr.Dataset":
@@ -32,8 +37,11 @@ def sobol_indices(dataset: "xr.Dataset", value: str = "J", confidence: float = 0
         )
     names = _varied(dataset)
     _check_blocks(dataset, names)
+    if not 0 < confidence < 1:
+        raise ValueError(f"`confidence` must lie inside (0, 1), but is {confidence}.")
     rows = _complete(_scalar(dataset, value).reshape(len(names) + 2, -1))
     _check_varies(value, rows)
+    rows = rows / np.max(np.abs(rows))  # shares have no unit, and squares of 1e-200 are 0
     ends = np.quantile(_resampled(rows), [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
     data = {}
     for order, name in enumerate(("first_order", "total_order")):
@@ -117,14 +125,17 @@ def _scalar(dataset, value: str) -> np.ndarray:
     found = [name for name, result in dataset.data_vars.items() if result.dims == dataset.J.dims]
     if value not in found:
         raise ValueError(f"`value` must be the name of a scalar result, one of {', '.join(found)}, but is {value!r}.")
-    return dataset[value].values
+    # Counts of a motion that broke off are finite too.
+    reached = np.asarray(Status(np.asarray(dataset.status.values, np.int64)).reached_end)
+    return np.where(reached, dataset[value].values, np.nan)
 
 
 def _check_varies(value: str, values: np.ndarray) -> None:
-    if values.size and np.ptp(values) == 0:
+    rounding = ROUNDINGS * np.finfo(values.dtype).eps * np.max(np.abs(values), initial=0)
+    if values.size and np.ptp(values) <= rounding:
         raise ValueError(
             f"{value} must vary over the points for parameters to have shares in its variance, but is "
-            f"{values.flat[0]:.6g} at all of them. Vary what it depends on, or over a wider box."
+            f"{values.flat[0]:.6g} at all of them, to rounding. Vary what it depends on, or over a wider box."
         )
 
 

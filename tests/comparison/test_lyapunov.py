@@ -41,6 +41,20 @@ def test_a_motion_that_broke_off_has_no_exponent(max_events, reached):
     assert np.isfinite(found.exponent) == reached
 
 
+class Decay(Saddle):
+    """x' = -x."""
+
+    def flow(self, t, x, mode):
+        return -x
+
+
+@pytest.mark.parametrize(("t1", "exponent"), [(25.0, -1), (40.0, np.nan)])
+def test_what_has_shrunk_to_rounding_has_no_exponent(t1, exponent):
+    """Assert that no exponent is made of rounding: of e^-40 it was wrong by a half and more."""
+    found = hs.lyapunov(Decay(), 1.0, t1=t1)
+    np.testing.assert_allclose(found.exponent, exponent, rtol=1e-6)
+
+
 def test_what_grows_is_printed_in_a_few_lines():
     found = str(hs.lyapunov(Saddle(), {"a": 1.0, "b": 2.0}, t1=1.0))
     assert found.startswith("exponent 1: a variation of the initial state grows 2.71828 times, at most")

@@ -94,7 +94,7 @@ def test_the_run_that_errors_are_measured_against_has_none():
     good = Point("Dopri8", "Replay", "float64", 1e-9, 1e-9, 1e-9, 1e-4)
     study = WorkPrecision((good, itself))
     assert study.pareto() == [good]
-    assert re.search(r"\n  Dopri8, rtol 1e-13, Replay +\(the reference\) +1.000 ms\n", str(study))
+    assert re.search(r"\n  Dopri8, rtol 1e-13, Replay +\(as the reference\) +1.000 ms\n", str(study))
     assert all(len(line.get_xdata()) == 1 for axes in plot_work_precision(study).axes for line in axes.lines)
 
 

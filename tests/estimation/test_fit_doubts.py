@@ -122,22 +122,40 @@ def test_a_few_wild_values_are_told():
     wild[[3, 11]] += 0.2
     found = remarks(fit(Falling(height=1.1), measurements(TIMES, wild), parameters=["height"]))
     assert any("of q0 are more than 7 times as large as most others at rows 3, 11" in remark for remark in found)
+    assert any("give `sigma` and `robust=3`; they widen all intervals" in remark for remark in found)
     assert not any("most others" in remark for remark in _fitted(1e-6).remarks)
+
+
+def _told(residuals, noise, stopped="converged"):
+    """What is said of a fit with sigmas."""
+    result = SimpleNamespace(
+        uncertainty=SimpleNamespace(exact=False, noise=noise, freedom=17, quantile_freedom=np.inf),
+        data=SimpleNamespace(names=("q",), values=FALL[:, None], sigmas=None, sigmas_known=True),
+        residuals=residuals[:, None], scene=None, events_missing=(), on_bound=(), stopped=stopped,
+        residual_correlation={"q": neighbour_correlation(residuals)},
+    )  # fmt: skip
+    return list(doubts(result))
+
+
+def test_wild_values_do_not_widen_intervals_that_sigmas_set():
+    """Assert that the remark does not say so."""
+    wild = np.where(TIMES == TIMES[3], 0.2, 1e-3 * NOISE)
+    (found,) = [remark for remark in _told(wild, 1.0) if "most others" in remark]
+    assert found.endswith("or give `robust=3`; they draw the estimates to them")
+
+
+def test_a_correlation_is_at_most_one():
+    """Assert that half a wave is alike, and no more."""
+    assert 0.9 < neighbour_correlation(np.sin(np.linspace(0, np.pi, 10))) <= 1
 
 
 def test_residuals_that_are_no_noise_may_tell_of_another_minimum():
     """Assert that the report says so where neighbours are alike or sigmas are exceeded, and not of noise; a fit that
     stopped before a minimum is told of by itself."""
 
-    def found(residuals, noise, stopped="converged"):
-        result = SimpleNamespace(
-            uncertainty=SimpleNamespace(exact=False, noise=noise, freedom=17, quantile_freedom=np.inf),
-            data=SimpleNamespace(names=("q",), values=FALL[:, None], sigmas=None, sigmas_known=True),
-            residuals=residuals[:, None], scene=None, events_missing=(), on_bound=(), stopped=stopped,
-            residual_correlation={"q": neighbour_correlation(residuals)},
-        )  # fmt: skip
+    def found(*given):
         words = ("not the lowest minimum", "it did not converge, and standard errors")
-        return [remark for remark in doubts(result) if any(word in remark for word in words)]
+        return [remark for remark in _told(*given) if any(word in remark for word in words)]
 
     assert not found(0.01 * NOISE, 1.0)
     assert len(found(0.01 * NOISE, 1.0, "stalled")) == 1

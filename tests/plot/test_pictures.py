@@ -42,6 +42,12 @@ def resting():
     return hs.simulate(ball, ball.initial_state(), t1=1.0, ts=jnp.linspace(0, 1, 21))
 
 
+def test_a_costate_of_samples_is_refused(motion):
+    """Assert that a cost of samples, which no part of a motion has, is told of in our words."""
+    with pytest.raises(TypeError, match="`cost` must be made of what follows a sample"):
+        hs.costate(motion, lambda following: jnp.sum(following.q[:, 0] ** 2))
+
+
 @pytest.mark.slow
 def test_the_costate_of_a_bounce_has_its_closed_form(motion):
     """J = q(1): after the impact (1, 1 - t). Before it, a shift dq of the fall ends in -e dq with the velocity changed

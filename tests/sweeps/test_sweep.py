@@ -112,6 +112,24 @@ def test_bad_points_are_marked_and_do_not_stop_the_others():
     np.testing.assert_allclose(found.J[::2, :2], expected, rtol=1e-9)
 
 
+def test_a_motion_that_nothing_is_known_of_is_told():
+    """Assert that a word comes where a point that breaks off would count as successful."""
+    alone = lambda ball: final_height(ball)[0]
+    with pytest.warns(UserWarning, match="returns J alone, of a motion with `throw=False`"):
+        sweep(alone, grid(Ball(), {"height": [1.0]}), gradient=False, progress=False)
+
+
+def test_a_cost_that_is_not_finite_is_told_from_a_motion_that_broke_off():
+    """Assert that the time of an event that does not come is no fault of the motion."""
+
+    def second_impact(ball):
+        _, motion = final_height(ball)
+        return motion.events.time[1], motion
+
+    found = sweep(second_impact, grid(Ball(), {"height": [0.5, 1.0]}), gradient=False, progress=False)
+    assert status_counts(found) == {"successful": 1, "cost_not_finite": 1}
+
+
 def test_a_cost_without_a_motion_is_swept_too():
     """Assert that a plain function has its values and the gradient that was asked for, and NaN is marked."""
     scene = {"a": jnp.array(1.0), "b": jnp.array([2.0, 3.0])}

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import hybridsens as hs
 from hybridsens.sweeps import dgsm, grid, latin_hypercube, random, saltelli, sobol, sobol_indices, sweep
 
 SCENE = {"x": jnp.zeros(2), "z": jnp.array(0.0)}
@@ -55,6 +56,28 @@ def test_rows_with_a_failed_point_are_left_out_with_a_word(dataset):
     np.testing.assert_allclose(found.first_order, sobol_indices(dataset).first_order, atol=0.01)
 
 
+def test_counts_of_a_motion_that_broke_off_are_left_out_too(dataset):
+    """Assert that a failed point is known by its status, where its result is a finite number."""
+    counted = dataset.copy(deep=True).assign(event_count=("point", np.round(dataset.J.values).astype(int)))
+    counted.status[5] = hs.Status.max_events_reached.code
+    with pytest.warns(UserWarning, match="1 of 4096 rows"):
+        sobol_indices(counted, "event_count")
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e160])
+def test_shares_have_no_unit(dataset, size):
+    """Assert that they are those of the same result in another unit: squares were 0 or infinite."""
+    np.testing.assert_allclose(
+        sobol_indices(dataset.assign(J=size * dataset.J)).total_order, sobol_indices(dataset).total_order, rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("confidence", [95.0, 0.0, -0.5])
+def test_a_confidence_is_a_probability(dataset, confidence):
+    with pytest.raises(ValueError, match="`confidence` must lie inside"):
+        sobol_indices(dataset, confidence=confidence)
+
+
 def test_a_grazing_point_does_not_spoil_derivative_based_measures(dataset):
     """Assert that one point with a J and no gradient is left out with a word: all measures were nan."""
     spoiled = dataset.copy(deep=True)
@@ -74,9 +97,10 @@ def test_sequences_of_events_that_differ_are_told_with_derivative_based_measures
 
 
 @pytest.mark.parametrize("measure", [sobol_indices, dgsm])
-def test_a_constant_has_no_shares(measure):
-    """Assert that indices of a result that does not vary are refused, instead of nan."""
-    constant = sweep(lambda scene: 2.0 + 0 * scene["z"], saltelli(SCENE, BOX, 8), progress=False)
+@pytest.mark.parametrize("rounding", [0, 3e-16])
+def test_a_constant_has_no_shares(measure, rounding):
+    """Assert that indices of a result that does not vary, but for rounding, are refused, instead of nan."""
+    constant = sweep(lambda scene: 2.0 + rounding * scene["z"], saltelli(SCENE, BOX, 8), progress=False)
     with pytest.raises(ValueError, match="J must vary over the points.* but is 2 at all of them"):
         measure(constant)
 
