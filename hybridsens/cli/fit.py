@@ -21,7 +21,7 @@ def fit(
     data: Annotated[Path, typer.Option(help="CSV file with a header: t, then columns q0, v0, ...; sigma_q0, ...")],
     parameters: Annotated[str, typer.Option(help="What to fit: a,b[0],...")],
     time: Annotated[str, typer.Option(help="The column of times. Default: t or time.")] = "",
-    columns: Annotated[str, typer.Option(help="Columns to use: q0,v0,... Default: all.")] = "",
+    columns: Annotated[str, typer.Option(help='Columns to use: q0,v0,..., or q0="Weg [m]". Default: all.')] = "",
     guess: Annotated[list[str] | None, typer.Option(help="NAME=VALUE, the scene's default otherwise.")] = None,
     bound: Annotated[list[str] | None, typer.Option(help="NAME=LO:HI, an end may be empty; NAME=positive.")] = None,
     sigma: Annotated[float | None, typer.Option(help="Of every value, if the file has no sigma_ columns.")] = None,
@@ -53,7 +53,7 @@ def fit(
     from ..estimation import GrowingHorizon, read_measurements  # takes as long as half of all other imports
     from ..estimation import fit as run_fit
 
-    read = functools.partial(read_measurements, data, time=time or None, columns=names(columns) or None,
+    read = functools.partial(read_measurements, data, time=time or None, columns=_columns(columns),
                              missing="skip" if skip_missing else "raise")  # fmt: skip
     with _told_in_options():
         record = read()
@@ -114,6 +114,13 @@ def _summary(result: Any) -> dict[str, Any]:
             for name, guess, value in values
         ],
     }  # fmt: skip
+
+
+def _columns(text: str) -> list[str] | dict[str, str] | None:
+    """The columns to use; as NAME=COLUMN those that have other names in the file."""
+    if "=" not in text:
+        return names(text) or None
+    return {name.strip(): column.strip() or name for name, _, column in (part.partition("=") for part in names(text))}
 
 
 def _with_guess(scene: Any, guesses: list[str]) -> Any:

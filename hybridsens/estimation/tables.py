@@ -26,7 +26,7 @@ def read_measurements(
     data: Any,
     *,
     time: str | None = None,
-    columns: Sequence[str] | str | None = None,
+    columns: Sequence[str] | Mapping[str, str] | str | None = None,
     sigma: Any = None,
     missing: str = "raise",
     **events: Any,
@@ -41,7 +41,7 @@ def read_measurements(
     - `time`: name of the time column, or of the index of a DataFrame; default "t", "time", "t [s]" or "time [s]".
       One that names another unit is refused.
     - `columns`: which columns are observed; default all but the time and those named `sigma_...`. A unit behind a name
-      may be left off.
+      may be left off. Columns with names of their own are mapped: `{"q0": "Weg [mm]"}`.
     - `sigma`: standard deviations; default the columns `sigma_<name>`, where a unit may be left off, if there is one
       for each observed column.
     - `missing`: "raise" on a NaN (an empty cell), or "skip" those entries.
@@ -54,8 +54,10 @@ def read_measurements(
     if isinstance(data, Measurements):
         return data
     columns = [columns] if isinstance(columns, str) else columns
+    called = list(columns) if isinstance(columns, Mapping) else None
+    columns = list(columns.values()) if isinstance(columns, Mapping) else columns
     if isinstance(data, tuple) and len(data) == 2 and not hasattr(data[0], "columns"):
-        return measurements(*data, sigma=sigma, names=columns, missing=missing, **events)
+        return measurements(*data, sigma=sigma, names=called or columns, missing=missing, **events)
     table = _as_mapping(data, time)
     time = _with_unit(time, table) if time else _time_column(table, _index_without_name(data))
     if unit := _IN_BRACKETS.search(time):
@@ -66,7 +68,14 @@ def read_measurements(
     if sigma is None:
         sigma = _sigma_columns(table, names)
     values = np.stack([_numbers(table, name) for name in names], axis=1)
+    names = [_in_unit_of(column, name) for column, name in zip(names, called or names, strict=True)]
     return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
+
+
+def _in_unit_of(column: str, name: str) -> str:
+    """The name of what a column is mapped to, with the unit that the column names: a fit looks for degrees there."""
+    unit = _IN_BRACKETS.search(str(column))
+    return f"{name} {unit[0]}" if unit and not _IN_BRACKETS.search(name) else name
 
 
 def _without_unit(name: Any) -> str:
@@ -139,7 +148,8 @@ def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str
     unknown = [name for name in (time, *(columns or ())) if name not in table]
     if unknown:
         raise ValueError(
-            f"The table must have the columns {unknown}, but has {list(table)}.{did_you_mean(unknown, table)}"
+            f"The table must have the columns {unknown}, but has {list(table)}."
+            f"{did_you_mean(unknown, [*table, *map(_without_unit, table)])}"
         )
     if columns:
         return list(columns)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
+from hybridsens.cli.fit import _columns
 from hybridsens.estimation import read_measurements
 from hybridsens.estimation.observers import observer, picks
 from hybridsens.scenes import BouncingBall
@@ -139,3 +140,23 @@ def test_a_unit_may_be_left_off_in_what_is_asked_for():
         assert found.names == ("angle (rad)", "x [mm]")
         with pytest.raises(ValueError, match=r"must have the columns \['x'\]"):
             read_measurements(data, time="Zeit", columns="x")
+
+
+@pytest.mark.parametrize(("column", "name"), [("Winkel [deg]", "q0 [deg]"), ("Winkel", "q0")])
+def test_a_column_with_a_name_of_its_own_is_mapped(column, name):
+    """Assert that it keeps its unit, in which a fit reads it, and its sigmas; and that remarks stay out."""
+    table = {"Zeit": TIMES, column: TIMES**2, "sigma_Winkel": 0 * TIMES + 0.1, "remark": ["a", "b", ""]}
+    found = read_measurements(table, time="Zeit", columns={"q0": "Winkel"})
+    assert found.names == (name,) and found.sigmas is not None
+    np.testing.assert_array_equal(found.values[:, 0], TIMES**2)
+
+
+def test_a_terminal_maps_columns_too():
+    """Assert that what has its own name needs none."""
+    assert _columns("q0 = Weg [m],v0") == {"q0": "Weg [m]", "v0": "v0"}
+    assert _columns("q0, v0") == ["q0", "v0"] and _columns("") is None
+
+
+def test_a_name_without_its_unit_is_known_by_its_letters():
+    with pytest.raises(ValueError, match="Did you mean 'Zeit'"):
+        read_measurements({"Zeit [s]": TIMES, "q0": TIMES}, time="zeit")
