@@ -73,10 +73,11 @@ def _own_running_cost(scene: Any, *instant):
     """The running cost that a scene or a system has as a method; one of a scene with switches may leave out the mode,
     the last of (t, q, v, mode)."""
     method = scene.running_cost
-    try:
-        inspect.signature(method).bind(*instant)
-    except TypeError:
-        instant = instant[:-1]
+    if has_switches(scene):
+        try:
+            inspect.signature(method).bind(*instant)
+        except TypeError:
+            instant = instant[:-1]
     return method(*instant)
 
 

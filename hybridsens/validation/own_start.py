@@ -1,9 +1,9 @@
 """The start that a model speaks of itself, by which a start that does not fit is told of."""
 
+import contextlib
 import inspect
 from typing import Any
 
-import equinox as eqx
 import jax
 
 
@@ -33,10 +33,12 @@ def _built(tree: Any) -> str:
 
 
 def _own(model: Any, name: str) -> Any:
-    """What a method without arguments returns, as shapes; None where there is none."""
-    method = getattr(model, name, None)
+    """What a method without arguments returns; None where there is none, or it fails in its turn."""
+    method: Any = getattr(model, name, None)
     try:
-        inspect.signature(method).bind()  # type: ignore[arg-type]
+        inspect.signature(method).bind()
     except (TypeError, ValueError):
         return None
-    return eqx.filter_eval_shape(method)  # type: ignore[arg-type]
+    with contextlib.suppress(Exception):  # the error that is being told of is another one
+        return method()
+    return None

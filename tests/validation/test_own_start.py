@@ -33,7 +33,7 @@ class Braked(ShippedScene, hs.AbstractSwitchedScene):
         return hs.State([0.0], [1.0])
 
     def initial_mode(self):
-        return 1
+        return 1 if self.brake > 0 else 0
 
     def mass_matrix(self, q):
         return jnp.eye(1)
