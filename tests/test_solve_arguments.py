@@ -114,14 +114,13 @@ def test_what_does_not_fit_is_told(change, message):
 @pytest.mark.parametrize(
     ("change", "remedy"),
     [
-        (dict(flow=lambda self, t, x, mode: -x * mode), "argument `mode`, that of `initial_mode\\(\\)`"),
+        (dict(flow=lambda self, t, x, mode: -x * mode), "initial mode as the argument `mode`"),
         (dict(guards=lambda self, t, x, mode: x[:1] + mode), "`guards`.*\nIts `mode` is None, as none was given"),
         (dict(transition=lambda self, event, t, x, mode: (x, mode + 1)), "initial mode as the argument `mode`"),
     ],
 )
 def test_a_mode_that_was_not_given_is_told(change, remedy):
-    """In a note to what a function of the system raises."""
-    change |= dict(initial_mode=lambda self: 0)
+    """In a note to what a function of the system raises, which has no `initial_mode` that would tell of it before."""
     with pytest.raises(TypeError, match="None") as raised:
         hs.solve(type("Modal", (Ball,), change)(9.81, 0.8), jnp.array([1.0, 0.0]), t1=1.0)
     assert re.search(remedy, "\n".join(raised.value.__notes__))

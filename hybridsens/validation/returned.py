@@ -108,8 +108,7 @@ def _of_state(asked: Asked, arguments, error: str) -> str:
     """What may be wrong with the state or the mode that a function of a system was given, in lines of a note."""
     given, note = dict(zip(asked.arguments, arguments, strict=False)), ""
     if "mode" in given and given["mode"] is None and "None" in error:
-        own = ", that of `initial_mode()`" if hasattr(asked.owner, "initial_mode") else ""
-        note += f"\nIts `mode` is None, as none was given: give the initial mode as the argument `mode`{own}."
+        note += "\nIts `mode` is None, as none was given: give the initial mode as the argument `mode`."
     if "x" in given and (row := _row_in(given["x"])):
         note += f"\nIn its `x` there is a {row}, as in `x0`, and no array: give a vector as `jnp.array([...])`."
     return note
