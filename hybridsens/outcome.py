@@ -43,15 +43,20 @@ def noting_motions_not_raised() -> Iterator[list[bool]]:
         _not_raised.reset(token)
 
 
-def note_not_raised() -> None:
-    """A motion with `throw=False` is computed: what it ended with, its caller looks at."""
+Motion = TypeVar("Motion", bound=eqx.Module)
+"""What a motion left: a PyTree of arrays with a `status`."""
+
+
+def answered(motion: Motion, throw: bool | str, given: Any, describe: Callable[[Any], str]) -> Motion:
+    """A motion as its caller wants it where it failed: raised, made nan ("nan"), or as it is, which is noted."""
+    if throw == "nan":
+        return nan_unless_reached(motion, given)
+    if throw:
+        return raise_unless_successful(motion, describe)
     noted = _not_raised.get()
     if noted is not None:
         noted.append(True)
-
-
-Motion = TypeVar("Motion", bound=eqx.Module)
-"""What a motion left: a PyTree of arrays with a `status`."""
+    return motion
 
 
 def raise_unless_successful(trajectory: Motion, describe: Callable[[Any], str] = lambda _: "") -> Motion:

@@ -31,14 +31,7 @@ from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Events, Trajectory
 from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .numerics.shapes import Shapes
-from .outcome import (
-    Steps,
-    nan_unless_reached,
-    note_not_raised,
-    raise_unless_successful,
-    where_ended,
-    where_in_doubt,
-)
+from .outcome import Steps, answered, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .reported import Reported
 from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
@@ -157,13 +150,8 @@ def simulate(
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
     with waiting("compiling and simulating", progress):
         trajectory = _simulate(system, state, t0, t1, ts, settings, adjoint)
-    if throw == "nan":
-        trajectory = nan_unless_reached(trajectory, (system, state, t0, t1, ts))
-    elif throw:
-        shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
-        trajectory = raise_unless_successful(trajectory, shown)
-    else:
-        note_not_raised()
+    shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
+    trajectory = answered(trajectory, throw, (system, state, t0, t1, ts), shown)
     trajectory = trajectory if adjoint.reverse_mode else forward_only(trajectory)
     known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
     return trajectory.come_from(written, again) if known else trajectory

@@ -21,14 +21,7 @@ from .forward.solver import RunSettings
 from .located.system import located, own_guards, own_mode, own_number
 from .numerics.sample_times import time_in_the_way
 from .numerics.shapes import Shapes
-from .outcome import (
-    Steps,
-    nan_unless_reached,
-    note_not_raised,
-    raise_unless_successful,
-    where_ended,
-    where_in_doubt,
-)
+from .outcome import Steps, answered, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
@@ -137,13 +130,8 @@ def solve(
     with waiting("compiling and simulating", progress):
         solution = _solve(flat, x0, first_mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
     solution = eqx.tree_at(lambda s: s.events, solution, dataclasses.replace(solution.events, names=names))
-    if throw == "nan":
-        solution = nan_unless_reached(solution, (flat, x0, t0, t1, ts))
-    elif throw:
-        told = lambda solution: _shown_by_values(*written, (t0, t1, ts), solution)
-        solution = raise_unless_successful(solution, told)
-    else:
-        note_not_raised()
+    shown = lambda solution: _shown_by_values(*written, (t0, t1, ts), solution)
+    solution = answered(solution, throw, (flat, x0, t0, t1, ts), shown)
     solution = solution if adjoint.reverse_mode else forward_only(solution)
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 

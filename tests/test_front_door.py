@@ -61,7 +61,7 @@ def door_alone(monkeypatch, request):
     if "behind" not in request.function.__name__:
         monkeypatch.setattr(importlib.import_module("hybridsens.simulate"), "_simulate", lambda *given: ENTERED)
         monkeypatch.setattr(
-            importlib.import_module("hybridsens.simulate"), "raise_unless_successful", lambda motion, _: motion
+            importlib.import_module("hybridsens.simulate"), "answered", lambda motion, *_: motion
         )
     yield
     jaxtyping.config.update("jaxtyping_disable", False)

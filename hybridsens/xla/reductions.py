@@ -34,8 +34,8 @@ REDUCTIONS = {
     lax.reduce_sum_p: (operator.add, add_up),
     lax.reduce_max_p: (lax.max, jnp.max),
     lax.reduce_min_p: (lax.min, jnp.min),
-    lax.reduce_or_p: (operator.or_, jnp.any),
-    lax.reduce_and_p: (operator.and_, jnp.all),
+    lax.reduce_or_p: (operator.or_, lambda x, axis: lax.reduce_or(x, (axis,))),  # of integers bit by bit
+    lax.reduce_and_p: (operator.and_, lambda x, axis: lax.reduce_and(x, (axis,))),
 }
 """What a reduction does with two numbers, and with all of an axis."""
 ORDERS = {lax.argmax_p: operator.gt, lax.argmin_p: operator.lt}
@@ -124,8 +124,6 @@ def long_reduction(equation: JaxprEqn):
     if name not in REDUCTIONS or len(equation.params["axes"]) != 1:
         return None
     x, (axis,) = given[0], equation.params["axes"]
-    if REDUCTIONS[name][1] in (jnp.any, jnp.all) and x.dtype != bool:  # of integers they are bit by bit
-        return None
     return (lambda x: _in_pieces(name, x, axis)) if _is_long(x.shape[axis]) else None
 
 
