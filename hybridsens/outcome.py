@@ -14,6 +14,7 @@ from jax import lax
 from jax.experimental.buffer_callback import buffer_callback
 from jaxtyping import Array, Int
 
+from .numerics.sample_times import time_in_the_way
 from .status import Status
 
 
@@ -28,6 +29,17 @@ class Steps(NamedTuple):
 
 class SimulationError(RuntimeError):
     """A motion that did not reach its end, with `throw=True`."""
+
+
+def raise_unless_times_fit(t0: Any, t1: Any, ts: Any) -> None:
+    """Raise SimulationError for times of which no motion can be, where they can be seen: before it is compiled."""
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in (t0, t1, ts)):
+        return
+    t0, t1, ts = np.asarray(t0), np.asarray(t1), np.zeros(0) if ts is None else np.asarray(ts)
+    if not 0 < t1 - t0 < np.inf:
+        raise SimulationError(f"{_message(Status.bad_horizon.code)} Here t0 is {t0:.9g} and t1 is {t1:.9g}.")
+    if not (np.all(ts[1:] >= ts[:-1]) and np.all((ts >= t0) & (ts <= t1))):
+        raise SimulationError(f"{_message(Status.unsorted_times.code)} {time_in_the_way(ts, t0, t1)}")
 
 
 _not_raised: ContextVar[list[bool] | None] = ContextVar("not_raised", default=None)

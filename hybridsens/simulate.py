@@ -31,7 +31,7 @@ from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Events, Trajectory
 from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .numerics.shapes import Shapes
-from .outcome import Steps, answered, where_ended, where_in_doubt
+from .outcome import Steps, answered, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .reported import Reported
 from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
@@ -103,7 +103,7 @@ def simulate(
       returns the state where it did, with the gradient of the state at that instant, held fixed: one that could not
       begin returns the initial state, whose gradient by the scene is 0, which an optimiser takes for a stationary
       point. "nan" makes value and gradient of such a motion nan instead. `.end_time` tells when it ended.
-    - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
+    - `progress`: show for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
 
@@ -130,6 +130,8 @@ def simulate(
         rtol, atol, max_step, capture_speed, state.q.dtype, (scene, state, t0, t1, ts)
     )
     check_mesh(scene, running_cost, state, t0, t1, ts)
+    if throw is True:
+        raise_unless_times_fit(t0, t1, ts)
     jump_ts = declared_jump_times(scene, jump_ts, state.q.dtype)
     mode = mode_as_arrays(mode)
     if scene.located_discontinuities:

@@ -9,7 +9,6 @@ import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
@@ -19,9 +18,8 @@ from .export.names import event_names
 from .flattened import FlattenedSystem
 from .forward.solver import RunSettings
 from .located.system import located, own_guards, own_mode, own_number
-from .numerics.sample_times import time_in_the_way
 from .numerics.shapes import Shapes
-from .outcome import Steps, answered, where_ended, where_in_doubt
+from .outcome import Steps, answered, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
@@ -84,7 +82,7 @@ def solve(
     - `adjoint`: `Replay()` (default) or another gradient method, as for `simulate`.
     - `throw`: raise unless the motion is successful; with False, look at `.status`; "nan" makes value and gradient of a
       motion that does not reach t1 nan.
-    - `progress`: show, on a terminal or in a notebook, for how long it compiles and runs.
+    - `progress`: show for how long it compiles and runs.
 
     Raises: ValueError or TypeError for what does not fit (structures, shapes, types), and for a derivative in a mode
     that `adjoint` does not serve; `SimulationError` for what only the values show, as `simulate` does.
@@ -101,6 +99,8 @@ def solve(
     ts = None if ts is None else real_array("ts", ts, 1).astype(dtype)
     jump_ts = declared_jump_times(system, jump_ts, dtype)
     check_mesh(system, running_cost, x0, t0, t1, ts)
+    if throw is True:
+        raise_unless_times_fit(t0, t1, ts)
     written = system, x0  # what a message speaks of
     system, running_cost = in_type((system, running_cost), dtype)
     counts, cost = check_system(system, running_cost, t0, x0, mode)
@@ -177,11 +177,8 @@ class Call(eqx.Module):
 
 def _shown_by_values(system: AbstractHybridSystem, x0, horizon: tuple, solution: Solution) -> str:
     """An end to the message of a motion that did not reach its end; "" where nothing can be seen."""
-    t0, t1, ts = horizon
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((solution.status.code, horizon))):
         return ""
-    if np.ndim(solution.status.code) == 0 and solution.status == Status.unsorted_times:
-        return f" {time_in_the_way(ts, t0, t1)}"
     given = not_finite_among(system, x0) if solution.status == Status.non_finite else ""
     return f" {given}" if given else last_events(solution)
 

@@ -71,7 +71,7 @@ def told(call, name: str) -> bool:
     """Whether a call is refused with a word on the argument; False if it is let in."""
     try:
         assert call() is ENTERED
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, hs.SimulationError) as error:  # the last one for times of which no motion can be
         text = "\n".join([str(error), *getattr(error, "__notes__", [])])  # what a traceback ends with
         assert name in text and ("must" in text or "argument" in text), repr(error)
         return True
@@ -207,3 +207,24 @@ def test_any_number_behind_the_door_ends_in_a_status(place, value):
     if trajectory.status == hs.Status.successful:
         assert np.all(np.isfinite(trajectory.q)) and np.all(np.isfinite(trajectory.final.v))
         assert trajectory.final.q[0] >= p[2] - 1e-8 * (1 + abs(p[2]))
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (dict(t1=-1.0), r"bad_horizon\): .* Here t0 is 0 and t1 is -1.$"),
+        (dict(t1=np.nan), r"bad_horizon\): .* t1 is nan.$"),
+        (dict(t1=1.0, ts=[0.5, 0.3]), r"unsorted_times\): .* Here ts\[1\] is 0.3, t0 is 0 and t1 is 1.$"),
+        (dict(t1=1.0, ts=[0.5, np.nan]), r"unsorted_times\): .* Here ts\[1\] is nan"),
+    ],
+)
+def test_times_of_which_no_motion_can_be_are_told_before_anything_compiles(given, words):
+    """By a scene and by a system; who does not want them raised gets their status."""
+    heater = hs.systems.Thermostat()
+    for call in (
+        lambda **given: hs.simulate(BALL, START, **given),
+        lambda **given: hs.solve(heater, heater.initial_state(), heater.initial_mode(), **given),
+    ):
+        with pytest.raises(hs.SimulationError, match=rf"^The motion could not begin \({words}"):
+            call(**given)
+    assert hs.simulate(BALL, START, throw=False, **given) is ENTERED

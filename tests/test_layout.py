@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "flattened": {"delays", "watch", "located", "system", "system_checks", "flat_system", "interval", "search"} | BASE,
     "solution": {"outcome", "status", "export", "numerics"},
     "settings": {"forward", "adjoint"} | BASE,
-    "outcome": {"status"},
+    "outcome": {"status", "numerics"},
     "solve": {"export", "waiting"} | FRONT - {"simulate"} | METHOD | BASE,
     "simulate": {"mechanics", "waiting"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
     "scenes": {"mechanics", "planar"},

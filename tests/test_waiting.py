@@ -1,4 +1,4 @@
-"""Who waits at a terminal or in a notebook is told for what and how long; a file and a pipe are told nothing."""
+"""Who waits at a terminal or in a notebook is told for what and how long; a file and a pipe are told once a minute."""
 
 import io
 import sys
@@ -52,6 +52,26 @@ def test_nothing_is_shown_that_was_not_asked_for_or_is_no_terminal(stream, monke
     with waiting("compiling", wished) as tell:
         tell("checking")
     assert list(counted("ab", str, wished)) == ["a", "b"] and kept.getvalue() == ""
+
+
+def test_a_file_is_told_of_what_takes_long(monkeypatch):
+    """What takes no longer than some seconds leaves no line in it; nothing can be wiped out there."""
+    log = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", log)
+    monkeypatch.setattr("hybridsens.waiting.FIRST_LINE", 0.3)
+    monkeypatch.setattr("hybridsens.waiting.NEXT_LINE", 0.6)
+    with waiting("compiling", shown=True) as tell:
+        time.sleep(0.6)
+        tell("checking")
+        time.sleep(0.6)
+    assert log.getvalue().splitlines() == ["compiling ... 0 s", "checking ... 1 s"]
+    for _ in counted(["one", "two"], str, shown=True):
+        time.sleep(0.2)
+    assert log.getvalue().splitlines()[2:] == ["two, 2 of 2 ... 0 s"]
+    with progress_bar(points=4000, present=1000, shown=True) as advance:
+        advance(1500)
+        time.sleep(0.4)
+    assert log.getvalue().splitlines()[3:] == ["sweep, 2,500 of 4,000 points ... 0 s"]
 
 
 def test_a_bar_names_each_thing(monkeypatch):

@@ -11,7 +11,7 @@ from ..mechanics.scene import AbstractScene
 from ..mechanics.smoothness import REMEDIES
 from ..mechanics.trajectory import Events
 from ..status import Status
-from .check_doubts import ONE_SIDED, UNDECIDED, Cause, Doubts, ParameterCheck
+from .check_doubts import KINK, ONE_SIDED, UNDECIDED, Cause, Doubts, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck
 from .check_finite import without_derivative
 from .check_grazing import grazes
@@ -48,6 +48,8 @@ def find_causes(
     if any(doubts):
         others = [cause for n, call in enumerate(calls) for cause in _of_motion(doubts, n, call, settings)]
         doubted = [entry.verdict for entry in parameters if entry.verdict]
+        if not others and doubted and all(verdict.startswith(KINK) for verdict in doubted):
+            others = [_kink(doubts)]
         if not others and doubted and all(verdict.startswith(ONE_SIDED) for verdict in doubted):
             others = [_one_sided(doubts)]
         causes += others or _elsewhere(doubts, resolved, all(verdict.startswith(UNDECIDED) for verdict in doubted))
@@ -207,6 +209,15 @@ def _one_sided(doubts: Doubts) -> Cause:
         "come at one instant, or one is touched: a derivative holds on the other side alone"
     )
     return doubts.cause("changed sequence", reason, "move the parameters off this point, or leave this motion out")
+
+
+def _kink(doubts: Doubts) -> Cause:
+    reason = (
+        "J has a kink at this very point, with the same events on both sides of it; what the methods give lies between "
+        "the two slopes, as JAX has it for `maximum`, `abs` and `where`, and is no derivative"
+    )
+    remedy = "move the parameters off this point, or round the kink off in the cost, or where these parameters enter"
+    return doubts.cause("kink", reason, remedy, doubts.events)
 
 
 def _untested(doubts: Doubts) -> Cause:

@@ -11,6 +11,9 @@ UNDECIDED = "not decided"
 ONE_SIDED = "one-sided"
 """How that of a derivative begins that holds on one side alone."""
 
+KINK = f"{ONE_SIDED}: J has a kink here"
+"""How it begins where the same events happen on both sides."""
+
 
 class ParameterCheck(NamedTuple):
     """One entry of the gradient by three methods."""
@@ -34,7 +37,7 @@ class Cause(NamedTuple):
 
     kind: str
     """"no derivative", "step control", "motion", "discontinuity", "grazing", "simultaneous impacts",
-    "event at a data time", "event at a jump time", "jump time at an end", "changed sequence", "other events",
+    "event at a data time", "event at a jump time", "jump time at an end", "changed sequence", "kink", "other events",
     "undecided" or "unexplained"."""
     parameters: tuple[str, ...]
     """In which parameters it is to be looked for."""

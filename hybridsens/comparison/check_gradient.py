@@ -20,7 +20,7 @@ from .check_doubts import UNDECIDED, ParameterCheck
 from .check_events import check_events
 from .check_motions import Call, largest_state, on_sequence, value_with_calls
 from .check_report import GradientCheck
-from .check_sides import one_sided, other_side
+from .check_sides import kink_at, kinked, one_sided, other_side
 from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby
 from .functional import Cost, all_reached_end, choose_cost, raise_unless_reached_end
 from .gradient_methods import gradient_by
@@ -44,8 +44,8 @@ def check_gradient(
        points have the same sequence of events.
     3. Both against a reference, to `tolerance`: another solver with tighter tolerances, and steps that resolve the
        derivative much better: steps that are too long for it spoil differences in the same way as gradients.
-    4. Both sides of the point, where other events happen on one of them from the very point on, as where an event comes
-       at `t1`: J must not jump there, nor have another derivative on that side.
+    4. Both sides of the point: where other events happen on one of them from the very point on, as where an event comes
+       at `t1`, J must not jump, nor have another derivative on that side; and where the same happen, no kink.
     5. The same as in 1 and 2 for every event by itself, on the piece of motion from half way after the last event to
        half way before the next; and there the determinant of the state's variation, which is known: e^2 at an impact
        (0 with a held contact) times exp(int tr f_x dt). For motions of a scene.
@@ -58,8 +58,8 @@ def check_gradient(
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`, without
     settings of its own. `parameters`: names of those to check, arrays or entries (["mass", "weight[3]"]); default all,
     each of which takes some twenty motions. `adjoint` is the reverse method to check, one that is exact for the
-    computed motion; by default `Replay()`. `progress`: show, on a terminal or in a notebook, what is waited for; a
-    check compiles some ten programs, which takes a minute or more. `settings`: see `Settings`; rtol = atol = 1e-12,
+    computed motion; by default `Replay()`. `progress`: show what is waited for; a check compiles some ten programs,
+    which takes a minute or more. `settings`: see `Settings`; rtol = atol = 1e-12,
     since differences divide the noise of motions by the width, 256 events and 16384 steps by default.
 
     Raises: SimulationError if the motion does not reach its end; TypeError for a cost that moves its scene otherwise;
@@ -106,10 +106,13 @@ def _check(
         checks.append(entry._replace(verdict=_verdict(entry, limit, noise)))
     tell("looking at both sides")
     least_jump = (tolerance * size * scale + ROUNDING_OF_J * largest).tolist()
-    for i, (entry, limit) in enumerate(zip(checks, limits, strict=True)):
+    vector = np.asarray(parameters.vector)
+    for i, (entry, limit, noise) in enumerate(zip(checks, limits, rounding, strict=True)):
         if not entry.verdict:
-            side = other_side(value, float(J), calls, np.asarray(parameters.vector), (i, float(scale[i])))
-            checks[i] = entry._replace(verdict=one_sided(side, entry.adjoint, limit, least_jump[i]))
+            moved = (i, float(scale[i]))
+            side = one_sided(other_side(value, float(J), calls, vector, moved), entry.adjoint, limit, least_jump[i])
+            verdict = side or kinked(kink_at(nearby, vector, moved, LEAST_KINK * (limit + noise)))
+            checks[i] = entry._replace(verdict=verdict)
     tell("checking each event")
     knows_contacts = lambda call: isinstance(call.scene, AbstractScene) and not has_switches(call.scene)
     mechanical = [(number, call) for number, call in enumerate(calls) if knows_contacts(call)]
@@ -175,6 +178,8 @@ def _size(adjoint, forward, scale, nearby):
 
 ROUNDING_OF_J = 1e-9
 """Two motions that differ by an event alone have the same J but for this part of the largest number in them."""
+LEAST_KINK = 10
+"""A kink turns the slope by so many times what a deviation may be."""
 ALIKE = 1e-2
 """The two exact methods may differ by this part of the tolerance: each resolves its steps to tolerances that know
 nothing of the size of a cost."""

@@ -1,4 +1,5 @@
-"""Does a derivative hold on both sides? Where other events happen from this very point on, it may hold on one alone."""
+"""Does a derivative hold on both sides? Where other events happen from this very point on, it may hold on one alone;
+where J has a kink at it, on none."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .check_doubts import ONE_SIDED
+from .check_doubts import KINK, ONE_SIDED
 from .check_motions import Call, on_sequence, same_sequence
 from .differentiate import best_finite_differences
 
@@ -15,6 +16,11 @@ STEP = 1e-9
 """Relative: other events that begin within it begin at this very point."""
 ROUNDINGS = 64
 """No step is less than so many roundings of a parameter."""
+KINK_WIDTHS = (2.5e-4, 6e-5, 1.5e-5)
+"""Relative, some of those of finite differences."""
+CONSTANT = 0.1
+"""Relative: how far what a kink makes of the slopes may change from width to width. What curvature makes of them falls
+like h^3 (by 64 or more), what noise does grows like 1 / h (by 4)."""
 
 
 class OtherSide(NamedTuple):
@@ -46,6 +52,38 @@ def other_side(
             slope, uncertainty = _slope(on_sequence(value, calls_beside), beside, i, scale)
             return OtherSide(float(J_beside) - J, slope, uncertainty, abs(float(beside[i] - vector[i])))
     return None
+
+
+def kink_at(
+    function: Callable, vector: Float[np.ndarray, "parameter"], entry: tuple[int, float], least: float
+) -> tuple[float, float] | None:
+    """The slopes of J on the left and on the right of a kink at `vector`; None where it has none that is > `least`.
+
+    The middle of both is what central differences find there, and what JAX gives for `maximum` and `abs`.
+    """
+    i, scale = entry
+    unit = np.eye(vector.size, dtype=vector.dtype)[i]
+    middle, found = function(vector), []
+    # Of second order on each side: on a smooth J both have the same error but for O(h^3).
+    slope = lambda h: (4 * function(vector + h * unit) - function(vector + 2 * h * unit) - 3 * middle) / (2 * h)
+    for width in KINK_WIDTHS:
+        left, right = slope(-width * scale), slope(width * scale)
+        if abs(right - left) <= least:
+            return None
+        if np.isfinite(right - left):
+            found.append((left, right))
+    change = np.array([right - left for left, right in found])
+    if change.size < 2 or np.any(np.abs(np.diff(change)) > CONSTANT * abs(change[-1])):
+        return None
+    return found[-1]
+
+
+def kinked(slopes: tuple[float, float] | None) -> str:
+    """The verdict on an entry by which J has these slopes on both sides; empty where it has no kink."""
+    if slopes is None:
+        return ""
+    left, right = (slope + 0.0 for slope in slopes)  # no "-0"
+    return f"{KINK}, with slope {left:.6g} on its left and {right:.6g} on its right"
 
 
 def _slope(function: Callable, vector: Float[np.ndarray, "parameter"], i: int, scale: float) -> tuple[float, float]:

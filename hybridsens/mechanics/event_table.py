@@ -9,7 +9,6 @@ import numpy as np
 from ..export.names import contact_names
 from ..export.text import array_text, rows_shown
 from ..export.trees import as_text
-from ..numerics.sample_times import time_in_the_way
 from ..validation.not_finite import not_finite_among
 from .mode import EventKind
 from .scene import AbstractScene, State
@@ -86,12 +85,10 @@ def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: 
     given = jax.tree.leaves((scene, state, horizon, motion))
     if any(isinstance(leaf, jax.core.Tracer) for leaf in given) or np.ndim(motion.events.count) > 0:
         return ""
-    t0, t1, ts = horizon
+    t0, *_ = horizon
     told = {
         "penetration": lambda: _of_contact("gap", scene, scene.gap(t0, state.q), np.argmin),
         "bad_restitution": lambda: _of_contact("restitution", scene, scene.restitution(), _worst_restitution),
-        "bad_horizon": lambda: f"Here t0 is {t0:.9g} and t1 is {t1:.9g}.",
-        "unsorted_times": lambda: time_in_the_way(ts, t0, t1),
         "event_repeats": lambda: _impacts_accumulate(scene) + _last_events(motion),
         "non_finite": lambda: not_finite_among(scene, state) or _last_events(motion),
     }

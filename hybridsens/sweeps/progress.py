@@ -1,7 +1,7 @@
 """What a sweep shows while it runs, and the table of statuses that it ends with."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from ..status import Status
-from ..waiting import below_the_cell, in_notebook
+from ..waiting import in_notebook, lines
 from .dataset import status_counts
 
 if TYPE_CHECKING:
@@ -25,17 +25,20 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
     if not shown:
         yield lambda done: None
         return
+    here = [present]
+    told = lambda done: here.append(here[-1] + done) or f"sweep, {here[-1]:,} of {points:,} points"
     if in_notebook():  # where Rich has a bar only with a library of widgets
-        with below_the_cell("compiling the sweep") as tell:
-            here = [present]
-            yield lambda done: here.append(here[-1] + done) or tell(f"sweep, {here[-1]:,} of {points:,} points")
+        with lines("compiling the sweep") as tell:
+            yield lambda done: tell(told(done))
         return
     columns = (
         TextColumn("sweep"), BarColumn(), MofNCompleteColumn(), TextColumn("points, {task.fields[rate]}"),
         TimeElapsedColumn(), TextColumn("elapsed,"), TimeRemainingColumn(), TextColumn("left"),
     )  # fmt: skip
     # The estimate looks back as far as it can: chunks take long, and a sweep's rate changes over its points.
-    with Progress(*columns, speed_estimate_period=3600) as bar:
+    bar = Progress(*columns, speed_estimate_period=3600)
+    # In a file the bar stands at the end alone.
+    with bar, nullcontext() if bar.console.is_terminal else lines("compiling the sweep") as tell:
         task = bar.add_task("sweep", total=points, completed=present, rate="compiling")
         compiled: list[tuple[float, float]] = []
 
@@ -48,6 +51,8 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
             rate = (made - before) / (elapsed - since) if elapsed > since else 0.0
             bar.update(task, rate=f"{rate:,.0f}/s" + ("" if compiled else " with compilation"))
             compiled.append((made, elapsed))
+            if tell is not None:
+                tell(told(done))
 
         yield advance
 

@@ -10,7 +10,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.comparison.check_motions import Call
-from hybridsens.comparison.check_sides import one_sided, other_side
+from hybridsens.comparison.check_sides import kink_at, one_sided, other_side
 
 HERE = 1.0
 
@@ -49,6 +49,52 @@ def test_what_is_the_same_on_both_sides_is_not():
     assert told(smooth) == ""
     assert told(jumps, beyond=hs.Status.bad_restitution) == ""
     assert told(jumps, place=HERE + 1e-6) == ""
+
+
+@pytest.mark.parametrize(
+    ("J", "slopes"),
+    [
+        (lambda p: max(p - HERE, 0.0), (0.0, 1.0)),
+        (lambda p: 7.0 + 3 * p + abs(p - HERE), (2.0, 4.0)),
+        # Where the events are others at the larger widths.
+        (lambda p: abs(p - HERE) if abs(p - HERE) < 3e-4 else np.nan, (-1.0, 1.0)),
+    ],
+)
+def test_a_kink_at_the_point_is_told(J, slopes):
+    """JAX gives the mean of both slopes there, and so do central differences."""
+    found = kink_at(lambda vector: J(vector[0]), np.array([HERE]), (0, 1.0), 1e-4)
+    np.testing.assert_allclose(found, slopes, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "J",
+    [
+        lambda p: 1e3 * (p - HERE) ** 4 + p**2,
+        lambda p: np.sin(300 * p),
+        lambda p: np.tanh((p - HERE) / 1e-3),
+        lambda p: abs(p - HERE) ** 1.5,
+        lambda p: max(p - HERE - 1e-3, 0.0),
+        lambda p: p + 1e-10 * np.sin(1e9 * p),  # noise
+        lambda p: np.sqrt(p - HERE) if p >= HERE else np.nan,
+        lambda p: p if p <= HERE else np.nan,
+    ],
+)
+def test_what_has_a_derivative_has_no_kink(J):
+    """Nor has what is curved, steep, noisy or kinked elsewhere."""
+    assert kink_at(lambda vector: J(vector[0]), np.array([HERE]), (0, 1.0), 1e-4) is None
+
+
+@pytest.mark.parametrize(("value", "ok"), [(0.0, False), (0.3, True)])
+def test_a_kink_of_the_cost_is_told(value, ok):
+    """JAX's derivative of max(u, 0) at 0 is 1/2; one of the sides has 0 and the other 1."""
+    ball = hs.scenes.BouncingBall(velocity=value)
+    cost = lambda scene, simulate: (
+        jnp.maximum(scene.velocity, 0.0) + simulate(scene, scene.initial_state(), t1=0.2).final.v[0]
+    )
+    check = hs.check_gradient(ball, cost, parameters="velocity", progress=False)
+    assert check.ok is ok
+    assert [cause.kind for cause in check.causes] == ([] if ok else ["kink"])
+    assert ok or "slope 1 on its left and 2 on its right" in check.parameters[0].verdict
 
 
 class Switched(hs.AbstractHybridSystem):
