@@ -26,9 +26,12 @@ jaxtyping.install_import_hook(_checked_modules(), "beartype.beartype")
 
 import hybridsens  # noqa: E402
 
-QUICK = "--xla_cpu_use_fusion_emitters=false --xla_disable_hlo_passes=while-loop-invariant-code-motion"
-"""A program's small kernels are compiled in XLA's older way, and loops that hardly run are not improved: a sixth less
-time for all tests. Large batches run slower so, for which users keep XLA's own settings."""
+QUICK = (
+    "--xla_cpu_use_fusion_emitters=false --xla_disable_hlo_passes=while-loop-invariant-code-motion "
+    "--xla_backend_optimization_level=0"
+)
+"""Programs that run once are compiled in XLA's older way and not optimised: a third less time for all tests. They run
+slower so, large batches most of all, for which users keep XLA's own settings."""
 
 # A process ends where XLA does not know a flag.
 if jax.__version_info__[:2] == (0, 10):

@@ -4,12 +4,14 @@ from typing import Any
 
 import jax
 import jax.core
+import lineax as lx
 import numpy as np
 
 from ..export.names import contact_names
 from ..export.text import array_text, rows_shown
 from ..export.trees import as_text
 from ..validation.not_finite import not_finite_among
+from .mass import is_symmetric
 from .mode import EventKind
 from .scene import AbstractScene, State
 
@@ -89,6 +91,7 @@ def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: 
     told = {
         "penetration": lambda: _of_contact("gap", scene, scene.gap(t0, state.q), np.argmin),
         "bad_restitution": lambda: _of_contact("restitution", scene, scene.restitution(), _worst_restitution),
+        "bad_mass_matrix": lambda: _of_mass(scene, motion.final.q),
         "event_repeats": lambda: _impacts_accumulate(scene) + _last_events(motion),
         "non_finite": lambda: not_finite_among(scene, state) or _last_events(motion),
     }
@@ -109,6 +112,19 @@ def _of_contact(what: str, scene: AbstractScene, values, pick) -> str:
 
 def _worst_restitution(e) -> int:
     return int(np.argmax(~((e >= 0) & (e <= 1))))
+
+
+def _of_mass(scene: AbstractScene, q) -> str:
+    """Which entries are not symmetric, or the eigenvalue that is not positive."""
+    mass = scene.mass_matrix(q)
+    matrix = np.asarray(mass.as_matrix() if isinstance(mass, lx.AbstractLinearOperator) else mass)
+    if not np.all(np.isfinite(matrix)):
+        return ""
+    where = f"At q = {array_text(q)}"
+    if not is_symmetric(matrix, matrix.T):
+        i, j = np.unravel_index(np.argmax(abs(matrix - matrix.T)), matrix.shape)
+        return f"{where} M[{i}, {j}] is {matrix[i, j]:.6g} and M[{j}, {i}] is {matrix[j, i]:.6g}."
+    return f"{where} its smallest eigenvalue is {np.linalg.eigvalsh(matrix)[0]:.6g}."
 
 
 def _last_events(motion: Any, shown: int = 3) -> str:

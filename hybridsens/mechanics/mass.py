@@ -76,13 +76,14 @@ def is_positive_definite(mass: Mass) -> Bool[Array, ""] | bool:
     if isinstance(mass, lx.DiagonalLinearOperator):
         return jnp.all(mass.diagonal > 0)
     if isinstance(mass, lx.TridiagonalLinearOperator):
-        return _is_symmetric(mass.lower_diagonal, mass.upper_diagonal) & jnp.all(_tridiagonal_pivots(mass) > 0)
+        return is_symmetric(mass.lower_diagonal, mass.upper_diagonal) & jnp.all(_tridiagonal_pivots(mass) > 0)
     matrix = mass.matrix if isinstance(mass, ConstantMass) else mass
     assert not isinstance(matrix, lx.AbstractLinearOperator)
-    return _is_symmetric(matrix, matrix.T) & jnp.all(pivots(matrix) > 0)
+    return is_symmetric(matrix, matrix.T) & jnp.all(pivots(matrix) > 0)
 
 
-def _is_symmetric(lower, upper) -> Bool[Array, ""]:
+def is_symmetric(lower, upper) -> Bool[Array, ""]:
+    """Whether two triangles, or a matrix and its transpose, are the same up to rounding."""
     size = jnp.max(jnp.abs(lower), initial=0)
     return jnp.max(jnp.abs(lower - upper), initial=0) <= 1e3 * jnp.finfo(lower.dtype).eps * size
 

@@ -80,3 +80,24 @@ def test_the_values_that_a_motion_failed_by_are_shown(e, height, given, message)
     with pytest.raises(hs.SimulationError) as caught:
         jax.grad(run)(jnp.array(e))
     assert "last events" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("mass", "shown"),
+    [
+        ([[1.0, 0.5], [0.4, 1.0]], r"M\[0, 1\] is 0.5 and M\[1, 0\] is 0.4"),
+        ([[1.0, 2.0], [2.0, 1.0]], "its smallest eigenvalue is -1"),
+    ],
+)
+def test_what_is_wrong_with_a_mass_matrix_is_shown(mass, shown):
+    """Entries that are not symmetric, by their places, or the eigenvalue that is not positive."""
+
+    class Wrong(Between):
+        def mass_matrix(self, q):
+            return jnp.array(mass)
+
+        def force(self, t, q, v):
+            return jnp.zeros(2)
+
+    with pytest.raises(hs.SimulationError, match=rf"\(bad_mass_matrix\): .* At q = \[1. 0.\] {shown}.$"):
+        hs.simulate(Wrong(0.4), hs.State([1.0, 0.0], [0.0, 0.0]), t1=1.0)
