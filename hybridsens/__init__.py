@@ -17,11 +17,12 @@ from .adjoint.step import RecordedStep, StepBack
 from .configure import configure
 from .delays import DelayQueue
 from .discontinuities import DiscontinuityWarning
+from .mechanics.events import Events
 from .mechanics.lagrangian import LagrangianScene
 from .mechanics.mode import EventKind
 from .mechanics.scene import AbstractScene, State
 from .mechanics.switches import AbstractSwitchedScene
-from .mechanics.trajectory import Events, Trajectory
+from .mechanics.trajectory import Trajectory
 from .outcome import SimulationError, Steps
 from .saved import load
 from .settings import Settings

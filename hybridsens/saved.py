@@ -12,8 +12,9 @@ from jaxtyping import Array
 from .export.datasets import optional
 from .export.names import names_of
 from .export.trees import restored
+from .mechanics.events import Events
 from .mechanics.scene import State
-from .mechanics.trajectory import Events, Trajectory
+from .mechanics.trajectory import Trajectory
 from .outcome import Steps
 from .solution import Solution, SolutionEvents
 from .status import Status

@@ -20,6 +20,7 @@ from .mechanics.checks import check_kinds, check_shapes
 from .mechanics.condensed import condensed
 from .mechanics.decisions import mode_before_any
 from .mechanics.event_table import shown_by_values
+from .mechanics.events import Events
 from .mechanics.located import located
 from .mechanics.mass import with_known_mass
 from .mechanics.mode import ContactMode, EventKind, default_capture_speed
@@ -28,7 +29,7 @@ from .mechanics.smoothness import warn_of_discontinuities
 from .mechanics.switched import SwitchedMode, SwitchedSystem
 from .mechanics.switches import AbstractSwitchedScene, check_mode, check_switches, in_mode, switch_rules, warn_of_switch
 from .mechanics.system import MechanicalSystem
-from .mechanics.trajectory import Events, Trajectory
+from .mechanics.trajectory import Trajectory
 from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .numerics.shapes import Shapes
 from .outcome import Steps, answered, raise_unless_times_fit, where_ended, where_in_doubt

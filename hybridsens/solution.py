@@ -16,6 +16,7 @@ from .export.datasets import with_structure, write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.text import preformatted, rows_shown
 from .export.trees import as_text
+from .numerics.event_times import first_times
 from .numerics.sample_times import at_times
 from .outcome import Steps, end_told
 from .status import Status
@@ -51,6 +52,18 @@ class SolutionEvents(eqx.Module):
         after it, states before and after; of a batch, for each event of each run. Raises: ImportError without pandas;
         ValueError for a batch of more than one axis."""
         return solution_events(self)
+
+    def times_of(self, guard: int | str, count: int) -> Float[Array, "*batch first"]:
+        """Times of the first `count` events of one guard, by its number or its name, for a cost. Where there are fewer,
+        inf: a cost that is finite all the same must tell what that is worth, `jnp.where(jnp.isfinite(t), t, t1)`.
+        Raises: ValueError for a name that no event has, and for a `count` that is no integer from 1 to `max_events`."""
+        if isinstance(guard, str):
+            names = self.names or ()
+            if guard not in names:
+                known = ", ".join(names) or "the system has no `event_names`"
+                raise ValueError(f"`guard` must be a number or one of the names ({known}), but is {guard!r}.")
+            guard = names.index(guard)
+        return first_times(self.time, self.guard == guard, count)
 
 
 class Solution(eqx.Module):

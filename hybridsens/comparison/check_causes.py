@@ -7,9 +7,9 @@ import numpy as np
 
 from ..discontinuities import REMEDIES as OF_SYSTEMS
 from ..discontinuities import remedies_for
+from ..mechanics.events import Events
 from ..mechanics.scene import AbstractScene
 from ..mechanics.smoothness import REMEDIES
-from ..mechanics.trajectory import Events
 from ..status import Status
 from .check_doubts import KINK, ONE_SIDED, UNDECIDED, Cause, Doubts, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck

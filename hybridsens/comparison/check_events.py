@@ -13,10 +13,10 @@ from jaxtyping import Array, Float
 from ..adjoint.methods import ForwardSensitivities, Replay
 from ..export.names import contact_names
 from ..mechanics.decisions import initial_mode
+from ..mechanics.events import Events
 from ..mechanics.flow import free_acceleration
 from ..mechanics.mode import EventKind
 from ..mechanics.scene import State
-from ..mechanics.trajectory import Events
 from ..parameters import flatten_parameters
 from ..simulate import simulate
 from ..status import Status

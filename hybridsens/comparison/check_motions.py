@@ -13,11 +13,11 @@ from jaxtyping import Array, Float
 from ..discontinuities import system_breaks, that_matter
 from ..interval.break_rules import Break
 from ..located.system import located as located_system
+from ..mechanics.events import Events
 from ..mechanics.located import located as located_scene
 from ..mechanics.scene import AbstractScene
 from ..mechanics.smoothness import scene_breaks
 from ..mechanics.switches import in_mode
-from ..mechanics.trajectory import Events
 from ..parameters import FlatParameters
 from ..status import Status
 from .functional import Cost, move

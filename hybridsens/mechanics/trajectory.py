@@ -12,53 +12,20 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from ..export.batches import leading, must_be_known, part_of
 from ..export.datasets import with_structure, write_netcdf
 from ..export.text import paragraph, preformatted, table
-from ..export.trajectory import events_frame, motion_dataset, samples_frame
+from ..export.trajectory import motion_dataset, samples_frame
 from ..export.trees import as_text
 from ..numerics.sample_times import at_times
 from ..outcome import Steps, end_told
 from ..status import Status
 from ..validation.asked import Asked
 from .event_table import event_rows, event_table, state_text
+from .events import Events
 from .scene import State
-
-
-class Events(eqx.Module):
-    """The events in the order of time, padded to `max_events`. Rows beyond `count` have time inf, and zeros
-    elsewhere."""
-
-    time: Float[Array, "*batch event"]
-    """When [s]."""
-    kind: Int[Array, "*batch event"]
-    """An `EventKind`: impact 0, capture 1, release 2, switch 3; -1 in padding."""
-    contact: Int[Array, "*batch event"]
-    """Which gap closed or opened, or which of the scene's switches fell; -1 in padding."""
-    before: State
-    """States just before, (event, dof)."""
-    after: State
-    """States just after, (event, dof)."""
-    impulse: Float[Array, "*batch event contact"]
-    """Impulses of all contacts that took part [N s]; zero at a release and at a switch. Where several contacts settle
-    together at the end of a cascade, single ones may be negative, by 1e-5 of the largest of the cascade."""
-    closing_speed: Float[Array, "*batch event"]
-    """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at other events [m/s]."""
-    order_matters: Bool[Array, "*batch event"]
-    """Whether contacts that act on each other, here or for other parameters, were met at one instant, so that another
-    order of their impacts has another outcome: derivatives of what follows are one-sided at best."""
-    count: Int[Array, "*batch"]
-    """How many events there were."""
-    mode: Any = None
-    """Modes of a scene with switches just after, of the mode's structure with a leading axis (event,); else None."""
-
-    def to_pandas(self):
-        """A pandas DataFrame with a row for each event that there was: time, kind, contact, closing speed, impulse of
-        that contact, place, velocities before and after; of a batch, for each event of each run. Raises: ImportError
-        without pandas; ValueError for a batch of more than one axis."""
-        return events_frame(self, getattr(self, "_scene", None))
 
 
 class Origin(NamedTuple):

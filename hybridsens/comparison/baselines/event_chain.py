@@ -18,9 +18,9 @@ from jaxtyping import Array, Float
 
 from ...forward.solver import TERM
 from ...mechanics.decisions import initial_mode
+from ...mechanics.events import Events
 from ...mechanics.scene import AbstractScene, State
 from ...mechanics.system import MechanicalSystem
-from ...mechanics.trajectory import Events
 from .motion import BaselineMotion, flat_problem
 
 MAX_STEPS = 4096

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from ...mechanics.events import Events
 from ...mechanics.mode import default_capture_speed
 from ...mechanics.scene import AbstractScene, State
 from ...mechanics.system import MechanicalSystem
-from ...mechanics.trajectory import Events
 
 
 class BaselineMotion(eqx.Module):

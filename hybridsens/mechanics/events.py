@@ -1,0 +1,57 @@
+"""The events of a motion of a scene."""
+
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float, Int
+
+from ..export.trajectory import events_frame
+from ..numerics.event_times import first_times
+from .mode import EventKind
+from .scene import State
+
+
+class Events(eqx.Module):
+    """The events in the order of time, padded to `max_events`. Rows beyond `count` have time inf, and zeros
+    elsewhere."""
+
+    time: Float[Array, "*batch event"]
+    """When [s]."""
+    kind: Int[Array, "*batch event"]
+    """An `EventKind`: impact 0, capture 1, release 2, switch 3; -1 in padding."""
+    contact: Int[Array, "*batch event"]
+    """Which gap closed or opened, or which of the scene's switches fell; -1 in padding."""
+    before: State
+    """States just before, (event, dof)."""
+    after: State
+    """States just after, (event, dof)."""
+    impulse: Float[Array, "*batch event contact"]
+    """Impulses of all contacts that took part [N s]; zero at a release and at a switch. Where several contacts settle
+    together at the end of a cascade, single ones may be negative, by 1e-5 of the largest of the cascade."""
+    closing_speed: Float[Array, "*batch event"]
+    """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at other events [m/s]."""
+    order_matters: Bool[Array, "*batch event"]
+    """Whether contacts that act on each other, here or for other parameters, were met at one instant, so that another
+    order of their impacts has another outcome: derivatives of what follows are one-sided at best."""
+    count: Int[Array, "*batch"]
+    """How many events there were."""
+    mode: Any = None
+    """Modes of a scene with switches just after, of the mode's structure with a leading axis (event,); else None."""
+
+    def to_pandas(self):
+        """A pandas DataFrame with a row for each event that there was: time, kind, contact, closing speed, impulse of
+        that contact, place, velocities before and after; of a batch, for each event of each run. Raises: ImportError
+        without pandas; ValueError for a batch of more than one axis."""
+        return events_frame(self, getattr(self, "_scene", None))
+
+    def times_of(self, contact: int, count: int, kind: EventKind | None = None) -> Float[Array, "*batch first"]:
+        """Times of the first `count` events of one contact [s], for a cost: its impacts, or events of another `kind`
+        (of `EventKind.SWITCH`, those of a switch). Where there are fewer, inf: a cost that is finite all the same must
+        tell what that is worth, `jnp.where(jnp.isfinite(t), t, t1)`. Raises: ValueError for a contact that there is
+        not, and for a `count` that is no integer from 1 to `max_events`."""
+        contacts = self.impulse.shape[-1]
+        if kind != EventKind.SWITCH and not 0 <= contact < contacts:
+            raise ValueError(f"`contact` must be from 0 to {contacts - 1}, but is {contact}.")
+        strikes = (self.kind == EventKind.IMPACT) | (self.kind == EventKind.CAPTURE)
+        wanted = strikes if kind is None else self.kind == kind
+        return first_times(self.time, wanted & (self.contact == contact), count)
