@@ -38,7 +38,10 @@ class DelayQueue(eqx.Module):
         return cls(jnp.zeros(places, bool), jnp.array(False))
 
     def times(self, due: Float[Array, "place"]) -> Float[Array, "place"]:
-        """When the waiting events come; inf at free places."""
+        """When the waiting events come; inf at free places.
+
+        Raises: ValueError unless there is a time for each place."""
+        self._must_fit(due)
         return jnp.where(self.taken, due, jnp.inf)
 
     @property
@@ -48,7 +51,9 @@ class DelayQueue(eqx.Module):
         return jnp.argmin(self.taken)
 
     def put(self, due: Float[Array, "place"], time) -> tuple[Float[Array, "place"], "DelayQueue"]:
-        """The times and the queue with one more event, which comes at `time`; never, and without a place, at inf."""
+        """The times and the queue with one more event, which comes at `time`; never, and without a place, at inf.
+        Raises: ValueError unless there is a time for each place."""
+        self._must_fit(due)
         place, comes = self.next_place, jnp.asarray(time) != jnp.inf
         queue = DelayQueue(self.taken.at[place].max(comes), self.full | (self.taken[place] & comes))
         # A number that stays the same has come. One put where another was taken at this instant must differ from it.
@@ -56,6 +61,13 @@ class DelayQueue(eqx.Module):
         step = jnp.maximum(jnp.nextafter(before, jnp.inf) - before, jnp.finfo(due.dtype).tiny)
         time = time + jnp.where(before == time, step, 0)
         return due.at[place].set(jnp.where(comes, time, due[place])), queue
+
+    def _must_fit(self, due: Array) -> None:
+        if jnp.shape(due) != self.taken.shape:
+            raise ValueError(
+                f"`due` must have a time for each place of its DelayQueue, shape {self.taken.shape}, but has shape "
+                f"{jnp.shape(due)}."
+            )
 
     def take(self, place: Int[Array, ""]) -> "DelayQueue":
         """The queue after the event at `place` has come."""

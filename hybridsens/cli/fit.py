@@ -120,7 +120,8 @@ def _columns(text: str) -> list[str] | dict[str, str] | None:
     """The columns to use; as NAME=COLUMN those that have other names in the file."""
     if "=" not in text:
         return names(text) or None
-    return {name.strip(): column.strip() or name for name, _, column in (part.partition("=") for part in names(text))}
+    pairs = (part.partition("=") for part in names(text))
+    return {name.strip(): column.strip().strip("\"'") or name for name, _, column in pairs}  # a shell may leave quotes
 
 
 def _with_guess(scene: Any, guesses: list[str]) -> Any:

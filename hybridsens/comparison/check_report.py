@@ -12,6 +12,11 @@ MOST_ROWS, FIRST_ROWS, FIRST_NAMES = 40, 20, 8
 MOST_LETTERS = 10
 """In the name of a contact that stands in a row of 80 columns."""
 
+_ALL_ZERO = (
+    "Every derivative is zero: make sure that the cost reads the motion of its scene, and that the events happen whose "
+    "rows it reads."
+)
+
 
 class GradientCheck(NamedTuple):
     """Outcome of a check; print it."""
@@ -46,7 +51,7 @@ class GradientCheck(NamedTuple):
             all_tested = not any(entry.verdict for entry in self.events)
             told = ["All agree."] if all_tested else ["All that could be tested agree.", *map(_cause_line, self.causes)]
             if not any(entry.adjoint or entry.differences for entry in self.parameters):
-                told += [wrapped("Every derivative is zero: make sure that the cost reads the motion of its scene.", 4)]
+                told += [wrapped(_ALL_ZERO, 4)]
             return "\n".join([*lines, "", *told])
         wrong = [entry.parameter for entry in self.parameters if entry.verdict]
         events = [entry.label for entry in self.events if entry.verdict]

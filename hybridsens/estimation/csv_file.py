@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +11,38 @@ _EMPTY = {"", "na", "n/a", "null"}
 """What programs write where a number is missing."""
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 """A number that may be a thousand times another."""
+_NUMBER = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?")
+"""What may be a number; with two points it is a date."""
 _SEPARATORS = ";\t|"
 """What may stand in the place of commas between columns; these may then be those of decimal numbers."""
 
 
-def read_csv(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a CSV file with a header; cells that are empty, or NA or null, are NaN; lines that start with # are
-    comments. Columns are parted by commas, semicolons, tabs or bars; where not by commas, numbers may be 1,5 for 1.5.
+class CsvColumns(Mapping[str, np.ndarray]):
+    """The columns of a CSV file. One becomes numbers when it is asked for: others may hold remarks.
+
+    Asking raises ValueError, naming the file, for a cell that is no number; those that are empty, or NA or null, are
+    NaN.
+    """
+
+    def __init__(self, path: Path, cells: dict[str, list[str]]):
+        self._path, self._cells = path, cells
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return np.array([_number(self._path, n, name, cell) for n, cell in enumerate(self._cells[name])])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._cells)
+
+    def __len__(self) -> int:
+        return len(self._cells)
+
+
+def read_csv(path: Path) -> CsvColumns:
+    """Columns of a CSV file with a header; lines that start with # are comments. Columns are parted by commas,
+    semicolons, tabs or bars; where not by commas, numbers may be 1,5 for 1.5.
 
     Raises: FileNotFoundError if there is none; ValueError, naming the file, if it is a folder, is not UTF-8, has other
-    separators, two columns of one name or a column of none, or a cell that is no number.
+    separators, two columns of one name or a column of none, or rows of other lengths.
     """
     lines = [line for line in _text(path).splitlines() if line.strip() and line[0] != "#"]
     if lines and lines[0].startswith("sep="):  # a line for Excel alone
@@ -35,9 +57,7 @@ def read_csv(path: Path) -> dict[str, np.ndarray]:
     check_different(header, str(path))
     rows = _full(path, header, rows)
     rows = rows if separator == "," else _with_points(path, rows)
-    cells = [[_number(path, n, name, cell) for name, cell in zip(header, row, strict=True)]
-             for n, row in enumerate(rows)]  # fmt: skip
-    return dict(zip(header, np.array(cells).T, strict=True))
+    return CsvColumns(path, {name: list(cells) for name, cells in zip(header, zip(*rows, strict=True), strict=True)})
 
 
 def check_different(names: Iterable[str], where: str) -> None:
@@ -94,7 +114,8 @@ def _separator(path: Path, header: str) -> str:
 def _with_points(path: Path, rows: list[list[str]]) -> list[list[str]]:
     """Decimal commas as points. Raises: ValueError where commas may part thousands: there are points too, or three
     digits behind each comma and no 0 before one."""
-    with_comma, with_point = ([cell.strip() for row in rows for cell in row if mark in cell] for mark in ",.")
+    numbers = [cell.strip() for row in rows for cell in row if _may_be_number(cell.strip())]
+    with_comma, with_point = ([number for number in numbers if mark in number] for mark in ",.")
     if with_comma and with_point:
         raise ValueError(
             f"{path} must have numbers with points or numbers with commas, but has {with_point[0]!r} and "
@@ -106,6 +127,10 @@ def _with_points(path: Path, rows: list[list[str]]) -> list[list[str]]:
             f"{with_comma[0]!r}: write points for decimal commas, and no mark between thousands."
         )
     return [[cell.replace(",", ".") for cell in row] for row in rows]
+
+
+def _may_be_number(cell: str) -> bool:
+    return _NUMBER.fullmatch(cell) is not None and cell.count(".") < 2
 
 
 def _check_named(path: Path, header: list[str]) -> None:

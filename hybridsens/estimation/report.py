@@ -27,7 +27,10 @@ def remarks(result: Any) -> list[str]:
 
 
 def _head(result: Any) -> Iterator[str]:
-    incomplete = "" if result.converged or result.stopped != "converged" else ", but lacks a measured event,"
+    incomplete = ""
+    if result.stopped == "converged" and not result.converged:
+        lacks = result.events_missing.size > 0
+        incomplete = ", but lacks a measured event," if lacks else ", but nothing that was measured tells a parameter,"
     yield f"fit {result.stopped}{incomplete} after {_way(result)}, gradient norm {result.history[-1].gradient_norm:.3g}"
     known, heard = (int(np.sum(np.isfinite(r))) for r in (result.residuals, result.event_residuals))
     yield (

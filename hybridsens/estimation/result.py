@@ -96,8 +96,10 @@ class FitResult(eqx.Module):
 
     @property
     def converged(self) -> bool:
-        """Whether the optimizer ended where it should, at a motion that has every event that was measured."""
-        return self.stopped == "converged" and self.events_missing.size == 0
+        """Whether the optimizer ended where it should, at a motion that has every event that was measured, and the data
+        say something of at least one parameter."""
+        ended_well = self.stopped == "converged" and self.events_missing.size == 0
+        return ended_well and len(self.uncertainty.unseen) < len(self.labels)
 
     @property
     def interrupted(self) -> bool:

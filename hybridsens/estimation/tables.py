@@ -186,7 +186,8 @@ def _numbers(table: Mapping[str, Any], name: str) -> np.ndarray:
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"Column {name!r} must hold numbers, and NaN where one is missing, but does not: {error}. Convert it by "
-            '`pandas.to_numeric(column, errors="coerce")`, or leave it out by `read_measurements(data, columns=[...])`.'
+            '`pandas.to_numeric(column, errors="coerce")`, or leave it out: `read_measurements(data, columns=[...])`, '
+            "in a terminal --columns."
         ) from error
 
 

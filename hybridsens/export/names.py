@@ -20,7 +20,7 @@ def coordinate_names(scene: Any, dof: int) -> tuple[list[str], list[str]]:
 
     "angle [rad]" has the velocity "angle rate [rad/s]"; without names they are q[0], ... and v[0], ...
     Raises: ValueError if the scene names another number of coordinates than it has, or two columns alike."""
-    given = _given(scene, "coordinates", dof, "entry of q")
+    given = _given(scene, "coordinates", dof, f"entry of q (the state has {dof})")
     if given is None:
         return [f"q[{i}]" for i in range(dof)], [f"v[{i}]" for i in range(dof)]
     rates = [_rate(name) for name in given]

@@ -146,7 +146,7 @@ def _draw_events(axes: Axes, solution: Solution) -> None:
     numbers = sorted(set(guard.tolist()))
     for row, number in enumerate(numbers):
         axes.vlines(time[guard == number], row - 0.4, row + 0.4, color="black", linewidth=0.9)
-    every = -(-len(numbers) // MOST_NAMES)  # names of more rows would lie on one another
+    every = max(1, -(-len(numbers) // MOST_NAMES))  # names of more rows would lie on one another
     axes.set_yticks(range(0, len(numbers), every), [solution.events.name(number) for number in numbers[::every]])
     axes.set_ylim(max(len(numbers), 1) - 0.4, -0.6)
-    axes.set_ylabel("event")
+    axes.set_ylabel("event" if numbers else "no event")

@@ -10,7 +10,8 @@ from .caller import warn_caller
 def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
     """" Did you mean 'weight'?" for "wieght", to end a message with; empty if no known name is near."""
     names, known = [names] if isinstance(names, str) else list(names), list(known)
-    near = [match for name in names for match in difflib.get_close_matches(name, known, n=1)]
+    lower = {name.lower(): name for name in reversed(known)}  # "Up" for "up" is near too
+    near = [lower[match] for name in names for match in difflib.get_close_matches(name.lower(), lower, n=1)]
     return f" Did you mean {', '.join(map(repr, dict.fromkeys(near)))}?" if near else ""
 
 

@@ -51,3 +51,14 @@ def test_a_folder_is_no_record(tmp_path):
         read_measurements(tmp_path / "none.csv")
     with pytest.raises(ValueError, match="a header and at least one row, but has 1 line.$"):
         read_measurements(_write(tmp_path, "t,q0\n"))
+
+
+def test_columns_that_are_not_used_may_hold_anything(tmp_path):
+    """Remarks and dates beside decimal commas; asked for, they are refused with the way to leave them out."""
+    path = _write(tmp_path, "t;q0;remark;date\n0,1;1,5;ok. So far;30.11.2026\n0,2;2,5;;30.11.2026\n")
+    assert read_measurements(path, columns="q0").values.tolist() == [[1.5], [2.5]]
+    assert read_measurements(path, columns={"q1": "q0"}).names == ("q1",)
+    with pytest.raises(ValueError, match=r"'remark' must be a number, but is 'ok. So far'.* in a terminal --columns"):
+        read_measurements(path)
+    with pytest.raises(ValueError, match="column 'date' must be a number, but is '30.11.2026'"):
+        read_measurements(path, columns=["q0", "date"])

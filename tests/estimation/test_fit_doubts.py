@@ -10,6 +10,7 @@ import pytest
 from hybridsens.estimation import fit, measurements
 from hybridsens.estimation.doubts import doubts
 from hybridsens.estimation.report import remarks
+from hybridsens.estimation.result import FitResult
 from hybridsens.estimation.uncertainty import Noise, neighbour_correlation, uncertainty
 from hybridsens.scenes import BouncingBall
 from hybridsens.solve import solve
@@ -160,3 +161,13 @@ def test_residuals_that_are_no_noise_may_tell_of_another_minimum():
     assert not found(0.01 * NOISE, 1.0)
     assert len(found(0.01 * NOISE, 1.0, "stalled")) == 1
     assert len(found(0.01 * NOISE, 3.0)) == len(found(0.01 * np.cos(TIMES), 1.0)) == 1
+
+
+@pytest.mark.parametrize(("unseen", "converged"), [((), True), (("mass",), True), (("mass", "height"), False)])
+def test_a_fit_of_what_nothing_measured_depends_on_has_not_converged(unseen, converged):
+    """Its gradient is zero wherever it begins."""
+    ended = SimpleNamespace(
+        stopped="converged", events_missing=np.zeros(0), labels=("mass", "height"),
+        uncertainty=SimpleNamespace(unseen=unseen),
+    )  # fmt: skip
+    assert FitResult.converged.fget(ended) is converged

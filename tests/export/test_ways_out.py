@@ -219,7 +219,7 @@ def test_names_must_be_as_many_as_there_are():
     with pytest.raises(ValueError, match="tuple of 2 names, one for each entry"):
         coordinate_names(Misnamed(), 2)
     Misnamed.coordinates = ("low [m]", "high [m]")
-    with pytest.raises(ValueError, match="tuple of 1 name, one for each entry"):
+    with pytest.raises(ValueError, match=r"tuple of 1 name, one for each entry of q \(the state has 1\)"):
         coordinate_names(Misnamed(), 1)
 
 

@@ -72,6 +72,14 @@ def test_leaves_are_chosen_by_their_names():
         hs.plot_solution(motion, ["x", "mode.of"])
 
 
+def test_a_motion_without_an_event_is_drawn():
+    """As one looks at where a guard never falls."""
+    room = hs.systems.Thermostat()
+    motion = hs.solve(room, room.initial_state(), room.initial_mode(), t1=0.01, ts=jnp.linspace(0.0, 0.01, 3))
+    assert int(motion.events.count) == 0
+    assert _labels(motion)[-1] == "no event"
+
+
 def test_the_places_of_a_queue_are_not_drawn():
     """They are the book-keeping of what is still to come."""
     motion = switched_once({"on": True})

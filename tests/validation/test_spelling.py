@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 import hybridsens as hs
+from hybridsens.validation.spelling import did_you_mean
 
 
 def class_with(base, **named):
@@ -40,3 +41,10 @@ def test_names_of_one_s_own_are_not():
         named = dict.fromkeys(("force", "forces", "gap", "gaps", "jump_times", "jump_time", "part_1", "part_2"), method)
         first = class_with(hs.AbstractScene, **named, coordinate=method)
         class_with(first, part_3=method, gap_of=jnp.zeros(1))
+
+
+def test_a_name_in_other_letters_is_near():
+    """Capitals are a common slip; of names that differ in them alone the first one is meant."""
+    assert did_you_mean("Up", ["up", "down"]) == " Did you mean 'up'?"
+    assert did_you_mean(["wieght", "Q0"], ["Weight", "q0"]) == " Did you mean 'Weight', 'q0'?"
+    assert did_you_mean("speed", ["mass"]) == ""
