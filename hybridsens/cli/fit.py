@@ -12,13 +12,14 @@ import typer
 
 from ..parameters import parameter_places, split_name
 from ..validation.spelling import did_you_mean
+from ..waiting import waiting
 from .models import HELP, complete, startable
 from .options import Json, by_name, file_to_write, names, picture_to_write, print_json
 
 
 def fit(
     scene: Annotated[str, typer.Argument(help=HELP, autocompletion=complete)],
-    data: Annotated[Path, typer.Option(help="CSV file with a header: t, then columns q0, v0, ...; sigma_q0, ...")],
+    data: Annotated[Path, typer.Option(help="CSV file with a header: t [s], q0, v0, ...; sigma_q0, ...")],
     parameters: Annotated[str, typer.Option(help="What to fit: a,b[0],...")],
     time: Annotated[str, typer.Option(help="The column of times. Default: t or time.")] = "",
     columns: Annotated[str, typer.Option(help='Columns to use: q0,v0,..., or q0="Weg [m]". Default: all.')] = "",
@@ -72,7 +73,8 @@ def fit(
     else:
         print(_in_options(str(result)))
     if output is not None:
-        result.plot().savefig(output, dpi=120)
+        with waiting("drawing", shown=not (quiet or json)):
+            result.plot().savefig(output, dpi=120)
         print(f"picture: {output}", file=sys.stderr if json else sys.stdout)
     if not result.converged:
         raise typer.Exit(1)

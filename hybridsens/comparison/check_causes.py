@@ -213,8 +213,8 @@ def _one_sided(doubts: Doubts) -> Cause:
 
 def _kink(doubts: Doubts) -> Cause:
     reason = (
-        "J has a kink at this very point, with the same events on both sides of it; what the methods give lies between "
-        "the two slopes, as JAX has it for `maximum`, `abs` and `where`, and is no derivative"
+        "J has a kink at this very point, with the same events on both sides of it; what the methods give is the slope "
+        "of one side or lies between both, as JAX has it for `maximum`, `abs` and `where`"
     )
     remedy = "move the parameters off this point, or round the kink off in the cost, or where these parameters enter"
     return doubts.cause("kink", reason, remedy, doubts.events)

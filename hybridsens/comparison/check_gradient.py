@@ -16,7 +16,7 @@ from ..settings import Settings, chosen_settings
 from ..validation.arguments import real_tolerance
 from ..waiting import waiting
 from .check_causes import find_causes
-from .check_doubts import UNDECIDED, ParameterCheck
+from .check_doubts import KINK, UNDECIDED, ParameterCheck
 from .check_events import check_events
 from .check_motions import Call, largest_state, on_sequence, value_with_calls
 from .check_report import GradientCheck
@@ -108,11 +108,13 @@ def _check(
     least_jump = (tolerance * size * scale + ROUNDING_OF_J * largest).tolist()
     vector = np.asarray(parameters.vector)
     for i, (entry, limit, noise) in enumerate(zip(checks, limits, rounding, strict=True)):
-        if not entry.verdict:
-            moved = (i, float(scale[i]))
-            side = one_sided(other_side(value, float(J), calls, vector, moved), entry.adjoint, limit, least_jump[i])
-            verdict = side or kinked(kink_at(nearby, vector, moved, LEAST_KINK * (limit + noise)))
-            checks[i] = entry._replace(verdict=verdict)
+        moved, verdict = (i, float(scale[i])), entry.verdict
+        if not verdict:
+            side = other_side(value, float(J), calls, vector, moved)
+            verdict = one_sided(side, entry.adjoint, limit, least_jump[i])
+        # At a kink the methods, the reference and differences may each have another one of the slopes on both sides.
+        kink = kink_at(nearby, vector, moved, LEAST_KINK * (limit + noise))
+        checks[i] = entry._replace(verdict=kinked(kink, (entry.adjoint, entry.forward), limit) or verdict)
     tell("checking each event")
     knows_contacts = lambda call: isinstance(call.scene, AbstractScene) and not has_switches(call.scene)
     mechanical = [(number, call) for number, call in enumerate(calls) if knows_contacts(call)]
@@ -138,7 +140,8 @@ def _resolved(checks, limits: list[float], resolve: Callable) -> dict[str, bool]
     They do where shorter steps of the same motion leave the gradient as it is.
     """
     entries = list(zip(checks, limits, strict=True))
-    off = [k for k, (entry, limit) in enumerate(entries) if entry.verdict and _off(entry, entry.reference, limit)]
+    in_doubt = lambda entry: entry.verdict and not entry.verdict.startswith(KINK)
+    off = [k for k, (entry, limit) in enumerate(entries) if in_doubt(entry) and _off(entry, entry.reference, limit)]
     if not off:
         return {}
     right = resolve().tolist()  # nan where that took too many steps

@@ -78,11 +78,12 @@ def kink_at(
     return found[-1]
 
 
-def kinked(slopes: tuple[float, float] | None) -> str:
-    """The verdict on an entry by which J has these slopes on both sides; empty where it has no kink."""
-    if slopes is None:
+def kinked(sides: tuple[float, float] | None, found: tuple[float, ...], limit: float) -> str:
+    """The verdict on slopes that were found where J has these ones on its sides; empty where it has no kink, and where
+    one that was found is not among them nor between."""
+    if sides is None or not all(min(sides) - limit <= slope <= max(sides) + limit for slope in found):
         return ""
-    left, right = (slope + 0.0 for slope in slopes)  # no "-0"
+    left, right = (slope + 0.0 for slope in sides)  # no "-0"
     return f"{KINK}, with slope {left:.6g} on its left and {right:.6g} on its right"
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.comparison.check_motions import Call
-from hybridsens.comparison.check_sides import kink_at, one_sided, other_side
+from hybridsens.comparison.check_sides import kink_at, kinked, one_sided, other_side
 
 HERE = 1.0
 
@@ -82,6 +82,25 @@ def test_a_kink_at_the_point_is_told(J, slopes):
 def test_what_has_a_derivative_has_no_kink(J):
     """Nor has what is curved, steep, noisy or kinked elsewhere."""
     assert kink_at(lambda vector: J(vector[0]), np.array([HERE]), (0, 1.0), 1e-4) is None
+
+
+def test_a_slope_that_a_kink_does_not_explain_stays_in_doubt():
+    """One of a side, or between both, is explained."""
+    for slope in (-1.0, 0.0, 1.0):
+        assert "slope -1 on its left and 1 on its right" in kinked((-1.0, 1.0), (0.0, slope), 1e-5)
+    assert kinked((-1.0, 1.0), (0.0, 1.1), 1e-5) == "" == kinked(None, (0.0, 0.0), 1e-5)
+
+
+@pytest.mark.slow
+def test_a_kink_within_rounding_of_the_point_is_told():
+    """As at a minimum of absolute deviations: there each method may have the slope of another side."""
+    ball = hs.scenes.BouncingBall(velocity=0.3)
+    end = lambda scene, simulate: simulate(scene, scene.initial_state(), t1=0.2).final.q[0]
+    there = 1.0 + 0.3 * 0.2 - 9.81 * 0.2**2 / 2
+    for away in (0.0, 1e-13, -1e-13):
+        cost = lambda scene, simulate, away=away: jnp.abs(end(scene, simulate) - (there + away))
+        check = hs.check_gradient(ball, cost, parameters="velocity", progress=False)
+        assert not check.ok and [cause.kind for cause in check.causes] == ["kink"]
 
 
 @pytest.mark.parametrize(("value", "ok"), [(0.0, False), (0.3, True)])
