@@ -57,10 +57,10 @@ def check_gradient(
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`, without
     settings of its own. `parameters`: names of those to check, arrays or entries (["mass", "weight[3]"]); default all,
-    each of which takes some twenty motions. `adjoint` is the reverse method to check, one that is exact for the
+    each of which takes some thirty motions. `adjoint` is the reverse method to check, one that is exact for the
     computed motion; by default `Replay()`. `progress`: show what is waited for; a check compiles some ten programs,
-    which takes a minute or more. `settings`: see `Settings`; rtol = atol = 1e-12,
-    since differences divide the noise of motions by the width, 256 events and 16384 steps by default.
+    which takes a minute or more. `settings`: see `Settings`; by default rtol = atol = 1e-12, since differences divide
+    the noise of motions by the width, 256 events and 16384 steps.
 
     Raises: SimulationError if the motion does not reach its end; TypeError for a cost that moves its scene otherwise;
     ValueError for a name that is none, a parameter or a cost that is not finite, or a `tolerance` that is not positive.

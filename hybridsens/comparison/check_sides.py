@@ -62,7 +62,8 @@ def kink_at(
     The middle of both is what central differences find there, and what JAX gives for `maximum` and `abs`.
     """
     i, scale = entry
-    unit = np.eye(vector.size, dtype=vector.dtype)[i]
+    unit = np.zeros_like(vector)
+    unit[i] = 1
     middle, found = function(vector), []
     # Of second order on each side: on a smooth J both have the same error but for O(h^3).
     slope = lambda h: (4 * function(vector + h * unit) - function(vector + 2 * h * unit) - 3 * middle) / (2 * h)

@@ -30,6 +30,9 @@ class CsvColumns(Mapping[str, np.ndarray]):
     def __getitem__(self, name: str) -> np.ndarray:
         return np.array([_number(self._path, n, name, cell) for n, cell in enumerate(self._cells[name])])
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._cells  # without a look at the numbers
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._cells)
 
