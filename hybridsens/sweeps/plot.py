@@ -52,7 +52,8 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
         axes.set_title(_with_units(title, values), fontsize="medium")
         if "event_sequence" in dataset:
             draw_borders(axes, dataset.event_sequence)
-    lines = ["lines: between sequences of events"] if "event_sequence" in dataset else []
+    several = "event_sequence" in dataset and np.unique(dataset.event_sequence).size > 1
+    lines = ["lines: between sequences of events"] if several else []
     if told := "; ".join([*lines, *unknowns(maps, "interrupted" in dataset.attrs)]):
         figure.supxlabel(told, fontsize="small", x=0.99, ha="right")
     return figure
@@ -81,6 +82,8 @@ def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> N
         norm, ticks = LogNorm(positive.min(), positive.max()), _log_ticks(positive)
         if (drawn == 0).any():  # no failed point, which is hatched: it lies below all others
             drawn, extend = np.ma.where(drawn == 0, positive.min() / 2, drawn), "min"
+    elif drawn.count() and drawn.min() == drawn.max():
+        ticks = [drawn.min()]  # one number everywhere: the bar would show others beside it
     axes.patch.set(facecolor="0.85", edgecolor="0.6", hatch="////")  # what shows where there is no number
     mesh = axes.pcolormesh(*edges, drawn, norm=norm, rasterized=True)
     bar = axes.figure.colorbar(mesh, ax=axes, ticks=ticks, format="%.3g" if logarithmic else None, extend=extend)

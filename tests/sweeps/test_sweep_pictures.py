@@ -69,14 +69,23 @@ def test_a_map_of_one_count_has_one_tick_and_a_logarithmic_one_both_ends():
     coords = {"a": [1.0, 2.0], "b": [1.0, 2.0]}
     array = lambda values, name: xr.DataArray(values, coords, ("a", "b"), name)
     figure = Figure()
-    counts, narrow, wide = figure.subplots(1, 3)
+    counts, none, narrow, wide = figure.subplots(1, 4)
     draw_map(counts, array([[3, 3], [3, 3]], "event_count"))
+    draw_map(none, array([[0.0, 0.0], [0.0, 0.0]], "dJ_dc"), logarithmic=True)
     draw_map(narrow, array([[0.89, 1.3], [1.9, 1.1]], "dJ_da"), logarithmic=True)
     draw_map(wide, array([[1e-9, 1], [0, 9]], "dJ_db"), logarithmic=True)
     figure.draw_without_rendering()
-    shown = [[label.get_text() for label in bar.get_yticklabels()] for bar in figure.axes[3:]]
-    assert shown[0][1:-1] == ["3"] and shown[1] == ["0.89", "1", "1.9"]
-    assert (shown[2][0], shown[2][-1]) == ("1e-09", "9") and 4 < len(shown[2]) < 9
+    shown = [[label.get_text() for label in bar.get_yticklabels()] for bar in figure.axes[4:]]
+    assert shown[0] == ["3"] and shown[1] == ["0"] and shown[2] == ["0.89", "1", "1.9"]
+    assert (shown[3][0], shown[3][-1]) == ("1e-09", "9") and 4 < len(shown[3]) < 9
+
+
+def test_lines_are_spoken_of_where_there_are_any():
+    """Where all points have one sequence of events, none is drawn."""
+    coords = {"a": [1.0, 2.0], "b": [1.0, 2.0]}
+    for sequence, words in (([[0, 0], [0, 0]], ""), ([[0, 1], [0, 0]], "lines: between sequences of events")):
+        found = xr.Dataset({"J": (("a", "b"), np.ones((2, 2))), "event_sequence": (("a", "b"), sequence)}, coords)
+        assert plot_sweep(found).get_supxlabel() == words
 
 
 @pytest.mark.slow
