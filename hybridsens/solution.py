@@ -49,8 +49,8 @@ class SolutionEvents(eqx.Module):
 
     def to_pandas(self):
         """A pandas DataFrame with a row for each event that there was: time, guard, its name where it has one, mode
-        after it, states before and after; of a batch, for each event of each run. Raises: ImportError without pandas;
-        ValueError for a batch of more than one axis."""
+        after it (of a `DelayQueue` how many events wait), states before and after; of a batch, for each event of each
+        run. Raises: ImportError without pandas; ValueError for a batch of more than one axis."""
         return solution_events(self)
 
     def times_of(self, guard: int | str, count: int) -> Float[Array, "*batch first"]:

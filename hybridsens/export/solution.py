@@ -2,8 +2,10 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 
+from ..delays import DelayQueue
 from .batches import happened, leading, must_be_known, of_each_run
 from .datasets import attributes, how_it_ended, must_have_samples, optional, sample_axes
 from .names import must_differ
@@ -57,10 +59,16 @@ def solution_events(events: Any):
     rows = happened(events)
     columns = {"time": rows.time, "guard": rows.guard}
     columns |= {name: column for name, (_, column) in _named(rows, "name").items()}
-    sides = (("mode", rows.mode, "after"), ("x", rows.before, "before"), ("x", rows.after, "after"))
+    sides = (("mode", _with_counts(rows.mode), "after"), ("x", rows.before, "before"), ("x", rows.after, "after"))
     for root, tree, side in sides:
         columns |= {f"{name} {side}": column for name, column in _columns(root, tree).items()}
     return pandas.DataFrame(columns, pandas.RangeIndex(len(rows.time), name="event"))
+
+
+def _with_counts(modes: Any) -> Any:
+    """Modes with how many events wait in place of each queue: its places would be most of a table's columns."""
+    is_queue = lambda part: isinstance(part, DelayQueue)
+    return jax.tree.map(lambda part: part.taken.sum(axis=-1) if is_queue(part) else part, modes, is_leaf=is_queue)
 
 
 def _named(events: Any, column: str, row: tuple[str, ...] = ("event",)) -> dict[str, tuple]:

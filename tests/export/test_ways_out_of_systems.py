@@ -156,6 +156,9 @@ def test_a_queue_of_delays_is_kept_and_printed_in_words(motion, tmp_path):
     assert as_text(delayed.mode) == "{'on': True, 'queue': 2 of 3 wait}"
     rows = jax.tree.map(lambda leaf: jnp.stack([leaf] * 8), delayed.mode)
     delayed = eqx.tree_at(lambda m: m.events.mode, delayed, rows)
+    table = delayed.events.to_pandas()
+    assert table["mode.queue after"].tolist() == [2] * len(table)
+    assert not any("taken" in column for column in table)
     delayed.save(tmp_path / "motion.nc")
     loaded = hs.load(tmp_path / "motion.nc")
     assert isinstance(loaded.mode["queue"], hs.DelayQueue)
