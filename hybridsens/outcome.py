@@ -36,6 +36,7 @@ def raise_unless_times_fit(t0: Any, t1: Any, ts: Any) -> None:
     if any(isinstance(leaf, jax.core.Tracer) for leaf in (t0, t1, ts)):
         return
     t0, t1, ts = np.asarray(t0), np.asarray(t1), np.zeros(0) if ts is None else np.asarray(ts)
+    # What `horizon_status` asks of traced times, by NumPy: JAX would take longer than a short motion.
     if not 0 < t1 - t0 < np.inf:
         raise SimulationError(f"{_message(Status.bad_horizon.code)} Here t0 is {t0:.9g} and t1 is {t1:.9g}.")
     if not (np.all(ts[1:] >= ts[:-1]) and np.all((ts >= t0) & (ts <= t1))):

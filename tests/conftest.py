@@ -30,7 +30,7 @@ QUICK = (
     "--xla_cpu_use_fusion_emitters=false --xla_disable_hlo_passes=while-loop-invariant-code-motion "
     "--xla_backend_optimization_level=0"
 )
-"""Programs that run once are compiled in XLA's older way and not optimised: a third less time for all tests. They run
+"""Programs that run once are compiled in XLA's older way and not optimised: a quarter less time for all tests. They run
 slower so, large batches most of all, for which users keep XLA's own settings."""
 
 # A process ends where XLA does not know a flag.
