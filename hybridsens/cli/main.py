@@ -4,8 +4,10 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable
 from importlib.metadata import version
+from pathlib import Path
 from types import FrameType
 from typing import Annotated
 
@@ -19,6 +21,7 @@ from .compare import compare
 from .demo import demo
 from .fit import fit
 from .help_texts import SHORT, epilog
+from .models import FILE
 from .scenes import scenes
 from .sweep import sweep
 from .work_precision import work_precision
@@ -27,6 +30,8 @@ MISTAKE = 2
 """Exit status where what was asked for cannot be."""
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
+PACKAGE = Path(__file__).parent.parent
+"""Of this package: its own TypeErrors say all that is to be said."""
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -62,10 +67,20 @@ def run(arguments: list[str] | None = None) -> int:
     try:
         _must_be_known(arguments)
         return app(arguments or ["--help"], prog_name="hybridsens", standalone_mode=False) or 0
-    except (typer.TyperException, SimulationError, ValueError, OSError, ImportError) as error:
+    except (typer.TyperException, SimulationError, ValueError, TypeError, OSError, ImportError) as error:
+        where, inner = _where(error), traceback.extract_tb(error.__traceback__)[-1]
+        if isinstance(error, TypeError) and not (where or Path(inner.filename).is_relative_to(PACKAGE)):
+            raise  # what a library says needs the lines that led there
         message = getattr(error, "format_message", error.__str__)()
-        print(f"hybridsens: {' '.join(message.split())}", file=sys.stderr)
+        print(f"hybridsens: {' '.join(message.split())}{where}", file=sys.stderr)
         return getattr(error, "exit_code", 1 if isinstance(error, SimulationError) else MISTAKE)
+
+
+def _where(error: BaseException) -> str:
+    """The innermost line of the user's own file that led to it; empty where none did."""
+    lines = reversed(list(traceback.walk_tb(error.__traceback__)))
+    own = ((frame.f_code, line) for frame, line in lines if frame.f_globals.get("__name__", "").startswith(FILE))
+    return next((f" ({Path(code.co_filename).name}, line {line}, in {code.co_name})" for code, line in own), "")
 
 
 def _must_be_known(arguments: list[str]) -> None:

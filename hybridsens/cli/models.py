@@ -19,6 +19,8 @@ from ..validation.spelling import did_you_mean
 
 READY_MADE: dict[str, Any] = {**scenes.SCENES, **SYSTEMS}
 """Name -> class."""
+FILE = "file_"
+"""What the name of a module begins with that is a user's file: no library has one."""
 HELP = "A name from `hybridsens scenes`, or path/to/file.py:Class for a scene or a system of your own."
 
 
@@ -114,7 +116,7 @@ def _own(module: Any) -> list[str]:
 
 def _load(path: Path) -> Any:
     """The file as a module. Raises: typer.BadParameter for what cannot be read, with the file and the line of it."""
-    spec = importlib.util.spec_from_file_location(f"file_{path.stem}", path)  # a name that no library has
+    spec = importlib.util.spec_from_file_location(FILE + path.stem, path)
     if spec is None or spec.loader is None:
         raise typer.BadParameter(f"{path} must be a Python file")
     module = importlib.util.module_from_spec(spec)

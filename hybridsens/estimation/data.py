@@ -123,7 +123,7 @@ def measurements(
         raise ValueError(
             f"`names` must have {y.shape[1]} different entries, one for each observation, but has {labels}."
         )
-    _check_values(y, labels, missing)
+    check_values(y, labels, missing)
     events = increasing_events(event_times, gaps=missing == "skip")
     if t.size + np.sum(~np.isnan(events)) == 0:
         raise ValueError("The measurements must have at least one time, but have none.")
@@ -151,7 +151,8 @@ def _values(values: Any, samples: int) -> np.ndarray:
     return y
 
 
-def _check_values(y: np.ndarray, names: tuple[str, ...], missing: str) -> None:
+def check_values(y: np.ndarray, names: Sequence[str], missing: str) -> None:
+    """Raises: ValueError for a column with an infinite value, one that is NaN and may not be, or nothing at all."""
     for name, column in zip(names, y.T, strict=True):
         if np.any(np.isinf(column)):
             raise ValueError(

@@ -11,7 +11,7 @@ from ..export.names import split_unit
 from ..validation.spelling import did_you_mean
 from .cells import as_numbers
 from .csv_file import check_different, read_csv
-from .data import Measurements, measurements
+from .data import Measurements, check_values, measurements
 from .times import SEVERAL
 
 _SIGMA = "sigma_"
@@ -68,6 +68,7 @@ def read_measurements(
     if sigma is None:
         sigma = _sigma_columns(table, names)
     values = np.stack([_numbers(table, name) for name in names], axis=1)
+    check_values(values, names, missing)  # which columns have names of their own from here on
     names = [_in_unit_of(column, name) for column, name in zip(names, called or names, strict=True)]
     return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
 

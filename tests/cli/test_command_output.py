@@ -174,3 +174,38 @@ def test_an_end_that_an_option_gives_need_not_be_the_scenes_own(tmp_path):
         runnable(f"{file}:Own")
     asked = ready_made_motion(runnable(f"{file}:Own", given=["t1"]), lambda scene, start, **settings: settings, t1=3.0)
     assert asked["t1"] == 3.0 and callable(asked["running_cost"])
+
+
+OWN = """import hybridsens as hs, jax, jax.numpy as jnp
+
+class Own(hs.scenes.BouncingBall):
+    def force(self, t, q, v):
+        return {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("force", "told"),
+    [
+        ("'nothing'", "must return"),
+        ("jnp.zeros(3)", "must return an array of shape (1,)"),
+        ("None + 1", "(own.py, line 5, in force)"),
+        ("jnp.zeros(3) + jnp.zeros(2)", "(own.py, line 5, in force)"),
+        ("jnp.reshape(v, (2,))", "(own.py, line 5, in force)"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_one_line(force, told, tmp_path, capsys, unchecked):
+    """What this package finds, of types and of shapes; and what Python and JAX find, with the user's own line."""
+    file = tmp_path / "own.py"
+    file.write_text(OWN.format(force))
+    assert run(["check", f"{file}:Own"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("hybridsens: ") and told in line
+
+
+def test_what_a_library_finds_wrong_keeps_its_lines(monkeypatch):
+    """A TypeError from beyond this package, to which no line of the user's file led, is not cut."""
+    module = importlib.import_module("hybridsens.cli.check")
+    monkeypatch.setattr(module, "check_gradient", lambda scene, **settings: None + 1)
+    with pytest.raises(TypeError, match="unsupported operand"):
+        run(["check", "bouncing-ball"])

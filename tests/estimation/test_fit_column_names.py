@@ -160,3 +160,10 @@ def test_a_terminal_maps_columns_too():
 def test_a_name_without_its_unit_is_known_by_its_letters():
     with pytest.raises(ValueError, match="Did you mean 'Zeit'"):
         read_measurements({"Zeit [s]": TIMES, "q0": TIMES}, time="zeit")
+
+
+def test_a_missing_cell_is_told_by_the_name_in_the_file():
+    """Though the column is mapped to another name."""
+    table = {"t": [0.0, 1.0], "Weg [mm]": [1.0, np.nan]}
+    with pytest.raises(ValueError, match=r"Column 'Weg \[mm\]' must have a value in every row"):
+        read_measurements(table, columns={"q0": "Weg"})
