@@ -155,8 +155,9 @@ def _must_not_be_of_data(settings: Mapping[str, Any]) -> None:
     of_data = [name for name in inspect.signature(measurements).parameters if name in settings]
     if of_data:
         raise TypeError(
-            f"`fit` must be given {', '.join(of_data)} with the data: "
-            f"fit(scene, read_measurements(data, {of_data[0]}=...)), or `measurements` for arrays."
+            f"`fit` must be given {', '.join(of_data)} with the data, where these are made: for a table "
+            f"fit(scene, read_measurements(table, {of_data[0]}=...)), for arrays measurements(times, values, "
+            f"{of_data[0]}=...)."
         )
 
 

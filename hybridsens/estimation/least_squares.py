@@ -21,6 +21,8 @@ _SMALL_OFFSET, _SMALL_STEP = 1e-3, 1e-9
 """Of a minimum; see `at_minimum`."""
 _NEAR_OFFSET, _NEAR_STEP = 0.1, 1e-4
 """Of a place where steps that have become small may tell of one."""
+_ROUNDING = 100
+"""Columns of a Jacobian that are so many units of the last place of the longest are rounding."""
 _PATIENCE = 12
 
 
@@ -202,13 +204,15 @@ def near_minimum(r, jacobian, z, n: int) -> Bool[Array, ""]:
 def _offset_and_step(r, jacobian, z, n: int) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Bates and Watts' relative offset, |r in the tangent plane| / |r across it| per degree of freedom; and the
     largest entry of the Gauss-Newton step, each relative to that of z, or to 1."""
-    p = jacobian.shape[1]
-    u, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
+    p, length = jacobian.shape[1], jnp.linalg.norm(jacobian, axis=0)
+    # An unknown whose guess is far too small has a short column: it counts as all do, unless it is rounding.
+    length = jnp.where(length > _ROUNDING * jnp.finfo(r.dtype).eps * jnp.max(length), length, jnp.inf)
+    u, s, vt = jnp.linalg.svd(jacobian / length, full_matrices=False)
     seen = s > 1e-10 * s[0]
     inside = jnp.where(seen, u.T @ r, 0)
     across = jnp.maximum(jnp.sum(r**2) - jnp.sum(inside**2), 0)
     offset = jnp.sqrt(jnp.sum(inside**2) / p / (across / max(n - p, 1) + jnp.finfo(r.dtype).tiny))
-    step = vt.T @ (inside / jnp.where(seen, s, 1))
+    step = vt.T @ (inside / jnp.where(seen, s, 1)) / length
     return offset, jnp.max(jnp.abs(step) / (1 + jnp.abs(z)))
 
 

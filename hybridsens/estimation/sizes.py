@@ -1,4 +1,4 @@
-"""How large a parameter is whose guess is 0: what it does to the residuals tells, and no unit."""
+"""How large a parameter is whose guess is 0, or next to it: what it does to the residuals tells, and no unit."""
 
 import dataclasses
 
@@ -13,6 +13,8 @@ from .problem import FitProblem
 
 EXACT = 1e-7
 """Residuals of so small a part of the data's range are errors of the computation (its tolerance is 1e-8), no noise."""
+_TINY = 1e-6
+"""A guess that does less to the residuals, as a part of them, is as good as 0. Larger numbers are not asked."""
 
 
 def largest_datum(data: Measurements) -> float:
@@ -23,7 +25,8 @@ def largest_datum(data: Measurements) -> float:
 
 
 def with_sizes(method: Method | Growing, problem: FitProblem, data: Measurements) -> FitProblem:
-    """The problem, with the sizes of those parameters without bounds whose guess is 0.
+    """The problem, with the sizes of those parameters whose guess is 0, where they have no bounds, or does next to
+    nothing: from 1e-12 an optimizer that counts in guesses would not come to 0.1.
 
     1 of their unknown moves the residuals by as much as these are at the guess, where the most effective entry of an
     array speaks for all of it. An optimizer that uses no Jacobian is not given one for this, and none is known where
@@ -31,16 +34,19 @@ def with_sizes(method: Method | Growing, problem: FitProblem, data: Measurements
     """
     selection = problem.selection
     guess = np.asarray(selection.values(problem.scene))
-    unknown = (guess == 0) & np.isinf(selection.lower) & np.isinf(selection.upper)
-    if not unknown.any() or not method.least_squares:
+    below, above = np.isfinite(selection.lower), np.isfinite(selection.upper)
+    zero, small = (guess == 0) & ~below & ~above, (guess != 0) & (np.abs(guess) < _TINY) & ~(below & above)
+    if not (zero | small).any() or not method.least_squares:
         return problem
     done = iterate(method, problem, method.begin(selection.from_values(guess), stages=False), 1, 1)
     r, jacobian = (np.asarray(part) for part in done.linearised)
     if done.outcomes[0].trial.failed or not np.linalg.norm(r) > EXACT * largest_datum(data):
         return problem
-    effect = _of_arrays(problem, np.where(unknown, np.linalg.norm(jacobian, axis=0), 0))
+    moved, size = np.linalg.norm(jacobian, axis=0), np.linalg.norm(r)
+    unknown = zero | (small & (moved < _TINY * size))
+    effect = _of_arrays(problem, np.where(unknown, moved / selection.scale, 0))
     known = unknown & (effect > 0)
-    scale = np.where(known, selection.scale * np.linalg.norm(r) / np.where(known, effect, 1), selection.scale)
+    scale = np.where(known, size / np.where(known, effect, 1), selection.scale)
     return dataclasses.replace(problem, selection=dataclasses.replace(selection, scale=scale))
 
 

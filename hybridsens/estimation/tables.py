@@ -37,7 +37,7 @@ def read_measurements(
 
     - `data`: the path of a CSV file (UTF-8, a header, columns parted by commas, semicolons or tabs), a pandas
       DataFrame, an xarray Dataset or DataArray along one dimension, a mapping of names to columns, a pair (times,
-      values), or Measurements, returned as they are.
+      values), or Measurements, returned as they are: other arguments are refused with them.
     - `time`: name of the time column, or of the index of a DataFrame; default "t", "time", "t [s]" or "time [s]".
       One that names another unit is refused.
     - `columns`: which columns are observed; default all but the time and those named `sigma_...`. A unit behind a name
@@ -52,6 +52,7 @@ def read_measurements(
     refuses.
     """
     if isinstance(data, Measurements):
+        _must_be_as_they_are(dict(time=time, columns=columns, sigma=sigma, **events))
         return data
     columns = [columns] if isinstance(columns, str) else columns
     called = list(columns) if isinstance(columns, Mapping) else None
@@ -71,6 +72,17 @@ def read_measurements(
     check_values(values, names, missing)  # which columns have names of their own from here on
     names = [_in_unit_of(column, name) for column, name in zip(names, called or names, strict=True)]
     return measurements(table[time], values, sigma=sigma, names=names, missing=missing, **events)
+
+
+def _must_be_as_they_are(arguments: Mapping[str, Any]) -> None:
+    """Raises: TypeError for what Measurements, which are made already, have no use for."""
+    given = [f"{name}=" for name, value in arguments.items() if value is not None]
+    if given:
+        raise TypeError(
+            f"Measurements must be read without other arguments, but {', '.join(given)} came with them. Say it where "
+            "they are made: `measurements(times, values, sigma=...)`, `read_measurements(table, sigma=...)`; of data = "
+            "Measurements, others are `measurements(data.times, data.values, names=data.names, sigma=...)`."
+        )
 
 
 def _in_unit_of(column: str, name: str) -> str:

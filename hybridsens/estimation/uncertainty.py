@@ -10,6 +10,8 @@ from scipy import stats
 _NULL = 1e-7
 _ROUNDING = 100
 """Doubling a parameter must move the data by so many units of their last place, else it does not move them."""
+_MOST = 1e6
+"""The largest error, relative to the value, that is told from larger ones."""
 _NEAR = 0.1
 """A value below this part of its parameter's size is near 0. Above it, shares are of a change relative to the value."""
 
@@ -151,6 +153,9 @@ def weak_directions(
     A standard error of 0.5 says that along this direction the parameters may change by half without being noticed.
     """
     size = np.where(np.asarray(values) == 0, 1.0, np.abs(np.asarray(values)))
+    # Beside an error of more than a million times the value, those of the others would be rounding.
+    errors = np.sqrt(np.diag(covariance))
+    size = np.maximum(size, np.where(np.isfinite(errors), errors / _MOST, 0))
     relative = np.asarray(covariance) / np.outer(size, size)
     known = np.isfinite(np.diag(relative))
     variances, directions = np.linalg.eigh(relative[np.ix_(known, known)])
