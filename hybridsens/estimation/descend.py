@@ -2,6 +2,7 @@
 
 It runs in Python, so that it can be watched, interrupted and resumed."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -55,6 +56,8 @@ class Callbacks(NamedTuple):
     """Keeps the best point on disk."""
     batch_size: BatchSize | None = None
     """How many iterations pass between two looks; by default one."""
+    known: float = float("inf")
+    """The loss, on the whole record, of a point that the store holds already; inf: of none."""
 
 
 def event_sequence(trial: Trial | EventRows) -> EventSequence:
@@ -122,8 +125,9 @@ class History:
         )
 
     def _keep(self) -> None:
-        if self.callbacks.store is not None:
-            self.callbacks.store.write(self.z)
+        store, known = self.callbacks.store, self.callbacks.known
+        if store is not None and (known == float("inf") or (self.whole and self.loss <= known)):
+            store.write(self.z)
 
     def _tell(self, outcome: Outcome, sequence: EventSequence, changed: bool) -> str:
         why = failure(outcome.trial) if bool(outcome.trial.failed) else ""
@@ -178,7 +182,8 @@ def descend(
     try:
         while not stopped:
             for outcome in done.outcomes:
-                stopped = stopped or history.see(outcome) or _ended(outcome, history, limits)
+                at_minimum = functools.partial(method.confirms, problem, outcome.z)
+                stopped = stopped or history.see(outcome) or _ended(outcome, history, limits, at_minimum)
             if not stopped:
                 left = limits.iterations + (-history.number if history.whole else 1)
                 done = batch_size.run(method, problem, done.carry, left)
@@ -195,10 +200,10 @@ def _horizon(problem) -> str:
     return f" A motion begins at t = {told(problem.t0)} and ends at {told(problem.horizon)}{record}."
 
 
-def _ended(outcome: Outcome, history: History, limits: Limits) -> str:
+def _ended(outcome: Outcome, history: History, limits: Limits, at_minimum: Callable[[], bool]) -> str:
     if bool(outcome.in_stage):
         return ""
-    if bool(outcome.converged):
+    if bool(outcome.converged) and at_minimum():
         return "converged"
     if bool(outcome.stalled):
         return "stalled"

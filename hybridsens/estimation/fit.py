@@ -6,9 +6,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Unpack
 
-import jax.numpy as jnp
-from jaxtyping import Array
-
 from ..mechanics.scene import AbstractScene
 from ..settings import Settings, chosen_settings
 from ..system import AbstractHybridSystem
@@ -18,16 +15,16 @@ from ..waiting import waiting
 from . import prepare
 from .assemble import build_result
 from .data import Measurements, measurements
-from .descend import INTERRUPTED, Callbacks, GuessFailed, Iteration, Limits, Run, descend
+from .descend import Callbacks, Iteration, Limits
+from .descents import Way, even_if_interrupted, from_many_starts
 from .growing import Growing
 from .horizon import GrowingHorizon
 from .iterate import BatchSize
-from .optimizers import Method, chosen_method
+from .optimizers import chosen_method
 from .parameters import Bounds
-from .problem import FitProblem
 from .result import FitResult
 from .sizes import with_sizes
-from .starts import RandomStarts, descend_from_all, spread_starts
+from .starts import RandomStarts
 from .store import Store, study_digest
 from .tables import read_measurements
 
@@ -96,8 +93,8 @@ def fit(
       fit by returning True. None, the default, shows on a terminal or in a notebook what is computed; False nothing.
       Ctrl-C ends a fit too. The best point so far is returned, if there is one; `fit(result.scene, ...)` goes on.
     - `store`: a JSON file that holds the best values at any time. If it is there already, the fit goes on from them
-      instead of the scene's. That of other measurements, another model, other numbers in it that are not fitted, or
-      another beginning is refused.
+      instead of the scene's, and from many `starts` around them if there were fewer before. That of other
+      measurements, another model, other numbers in it that are not fitted, or another beginning is refused.
     - `settings`: see `Settings`; rtol = atol = 1e-8, 256 events and 4096 steps by default.
 
     Raises: ValueError for measurements, names, bounds or priors that do not fit; for priors or event times beside
@@ -117,37 +114,25 @@ def fit(
     problem = prepare.build_problem(scene, measured, unknowns, experiment, robust)
     keeper = None if store is None else Store(Path(store), problem.selection, study_digest(problem, measured))
     kept = None if keeper is None else keeper.read()
-    plain, several, interrupted = chosen_method(optimizer), None, False
+    plain = chosen_method(optimizer)
     method = Growing(plain, strategy) if strategy is not None else plain
     with ExitStack() as until_first_line:
         what = "compiling" if progress else "compiling and fitting"
         until_first_line.enter_context(waiting(what, progress is not False))
         listener = _listener(progress, until_first_line.close)
         problem = with_sizes(method, problem, measured)
-        keeper = None if keeper is None else keeper._replace(selection=problem.selection)
+        keeper = keeper and keeper._replace(selection=problem.selection, starts=1 if kept is None else kept.starts)
         callbacks = Callbacks(listener, keeper, BatchSize() if listener is None else BatchSize(1))
         guess = problem.selection.from_values(problem.selection.values(problem.scene))
-        z = guess if kept is None else problem.selection.from_values(kept)
-        if starts.count > 1 and kept is None:
+        way = Way(method, problem, Limits(max_iterations, patience), callbacks)
+        z = guess if kept is None else problem.selection.from_values(kept.values)
+        if starts.count > (1 if kept is None else kept.starts):
             tell = _start_teller(progress, starts.count, until_first_line.close)
-            zs = spread_starts(problem, z, starts)
-            several, interrupted = descend_from_all(method, problem, zs, max_iterations, tell)
-            z, method = several.z[_best(several.loss)], plain
-        if interrupted:
-            descents = [_report(plain, problem, z, callbacks, INTERRUPTED)]
+            (descents, several), method = from_many_starts(way, z, starts, tell), plain
         else:
-            descents = _to_the_end(method, problem, z, Limits(max_iterations, patience), callbacks)
+            descents, several = way.to_the_end(z, kept is not None), None
     with waiting("compiling intervals", progress is not False):
-        return _even_if_interrupted(lambda: build_result(method, problem, measured, guess, descents, several))
-
-
-def _best(losses: Array) -> Array:
-    """Which of the starts ended lowest."""
-    if not bool(jnp.any(jnp.isfinite(losses))):
-        raise GuessFailed(
-            f"At least one of the {losses.size} starts must have a motion that reaches its end, but none has."
-        )
-    return jnp.argmin(losses)
+        return even_if_interrupted(lambda: build_result(method, problem, measured, guess, descents, several))
 
 
 def _must_not_be_of_data(settings: Mapping[str, Any]) -> None:
@@ -163,29 +148,6 @@ def _must_not_be_of_data(settings: Mapping[str, Any]) -> None:
 
 def _own_arguments() -> tuple[str, ...]:
     return tuple(name for name in inspect.signature(fit).parameters if name != "settings")
-
-
-def _to_the_end(method: Method | Growing, problem: FitProblem, z, limits: Limits, callbacks: Callbacks) -> list[Run]:
-    """All descents, with that on the whole record; if stages were ended by hand before it, only what it needs to
-    report."""
-    first = descend(method, problem, z, limits, callbacks)
-    if first.whole:
-        return [first]
-    return [first, _report(method, problem, first.z, callbacks, first.stopped)]
-
-
-def _report(method: Method | Growing, problem: FitProblem, z, callbacks: Callbacks, stopped: str) -> Run:
-    """No descent, only what one that ended by hand in a stage or a start is reported by: the whole problem at z."""
-    last = _even_if_interrupted(lambda: descend(method, problem, z, Limits(0, 1), callbacks, stages=False))
-    return last._replace(stopped=stopped)
-
-
-def _even_if_interrupted(work: Callable[[], Any]) -> Any:
-    """What is made of a descent that has ended. Ctrl-C would only lose it, so the first one is let pass."""
-    try:
-        return work()
-    except KeyboardInterrupt:
-        return work()
 
 
 def _listener(

@@ -44,6 +44,10 @@ class Growing(eqx.Module):
         """Whether it uses residuals and their Jacobian."""
         return self.method.least_squares
 
+    def confirms(self, problem: FitProblem, z) -> bool:
+        """Whether z, to which small steps led, is a minimum of the whole problem."""
+        return self.method.confirms(problem, z)
+
     @eqx.filter_jit
     def begin(self, z, damping: float | Array = FAR, stages: bool = True) -> StageState:
         """Before anything was evaluated; without `stages` the whole problem comes at once."""

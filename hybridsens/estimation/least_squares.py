@@ -201,6 +201,12 @@ def near_minimum(r, jacobian, z, n: int) -> Bool[Array, ""]:
     return (offset < _NEAR_OFFSET) | (step < _NEAR_STEP)
 
 
+def is_near_minimum(problem, z) -> bool:
+    """The same of a problem at z."""
+    r, jacobian, trial = linearise(problem, z)
+    return not bool(trial.failed) and bool(near_minimum(*compressed(r, jacobian), z, r.size))
+
+
 def _offset_and_step(r, jacobian, z, n: int) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Bates and Watts' relative offset, |r in the tangent plane| / |r across it| per degree of freedom; and the
     largest entry of the Gauss-Newton step, each relative to that of z, or to 1."""

@@ -39,6 +39,11 @@ class Method(eqx.Module):
         steps = least_squares if self.least_squares else gradient_descent
         return steps.step(self.optimizer, problem, carry)
 
+    def confirms(self, problem, z) -> bool:
+        """Whether z, to which small steps led, is a minimum. Those of Gauss-Newton solvers are small for that alone;
+        those of Optax are also as small as a schedule, or the unit of the loss, has made them."""
+        return self.least_squares or least_squares.is_near_minimum(problem, z)
+
 
 @functools.cache
 def _by_name(name: str) -> Any:

@@ -31,7 +31,7 @@ def _head(result: Any) -> Iterator[str]:
     if result.stopped == "converged" and not result.converged:
         lacks = result.events_missing.size > 0
         incomplete = ", but lacks a measured event," if lacks else ", but nothing that was measured tells a parameter,"
-    yield f"fit {result.stopped}{incomplete} after {_way(result)}, gradient norm {result.history[-1].gradient_norm:.3g}"
+    yield f"fit {result.stopped}{incomplete} after {_way(result)}, gradient norm {_slope(result):.3g}"
     known, heard = (int(np.sum(np.isfinite(r))) for r in (result.residuals, result.event_residuals))
     yield (
         f"{_count(known, 'observation')}, {_count(heard, 'event time')}; "
@@ -44,6 +44,12 @@ def _head(result: Any) -> Iterator[str]:
         yield f"{result.failures} trial points failed and were rejected ({_BOUNDS}); the last because {last}"
     if result.starts is not None:
         yield _starts(result.starts)
+
+
+def _slope(result: Any) -> float:
+    """The norm of the gradient at the best point, which need not be the last one."""
+    best = (line for line in reversed(result.history) if line.stage == WHOLE and line.loss <= result.loss)
+    return next(best, result.history[-1]).gradient_norm
 
 
 _BOUNDS = "`bounds` keep to where motions exist"

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -20,6 +20,15 @@ from .parameters import Selection, check_inside
 from .problem import FitProblem
 
 
+class Kept(NamedTuple):
+    """What a store holds of a fit before."""
+
+    values: np.ndarray
+    """Of the parameters."""
+    starts: int
+    """From how many starts they come."""
+
+
 class Store(NamedTuple):
     """A JSON file with the names and the best values of the fitted parameters, and the digest of their study."""
 
@@ -27,19 +36,22 @@ class Store(NamedTuple):
     selection: Selection
     study: str
     """See `study_digest`."""
+    starts: int = 1
+    """From how many starts the values come."""
 
     def write(self, z) -> None:
         """Replace the file in one move, so that it is whole at any time."""
         values = self.selection.to_values(jnp.asarray(z)).tolist()
         kept = {"values": dict(zip(self.selection.labels, values, strict=True)), "study": self.study}
+        kept["starts"] = self.starts
         try:
             with in_one_move(self.path) as draft:
                 draft.write_text(json.dumps(kept, indent=2) + "\n")
         except OSError as error:  # the fit itself is worth more
             warn_caller(f"{self.path} cannot be written ({error.strerror}). The fit goes on.")
 
-    def read(self) -> np.ndarray | None:
-        """Values of the parameters; None if there is no file yet.
+    def read(self) -> Kept | None:
+        """What the file holds; None if there is no file yet.
 
         Raises: ValueError for a path that cannot be written to, and for a file that holds no values, those of other
         parameters or of another study, or values outside their bounds.
@@ -50,7 +62,7 @@ class Store(NamedTuple):
                              f"{what}.")  # fmt: skip
         if not self.path.exists():
             return None
-        (saved, study), labels = self._saved(), self.selection.labels
+        (saved, study, starts), labels = self._saved(), self.selection.labels
         if tuple(saved) != labels:
             raise ValueError(
                 f"`store` must be of the same parameters {labels}, but {self.path} has {tuple(saved)}."
@@ -62,16 +74,18 @@ class Store(NamedTuple):
             )
         values = np.array(list(saved.values()), float)
         check_inside(f"value in {self.path}", self.selection, values)
-        return values
+        return Kept(values, starts)
 
-    def _saved(self) -> tuple[dict[str, float], str]:
+    def _saved(self) -> tuple[dict[str, float], str, int]:
         try:
             saved: Any = json.loads(self.path.read_text())
         except ValueError as error:  # no JSON, or no text
             raise ValueError(f"`store` must be a JSON file, but {self.path} is none: {error}.") from error
-        values, study = (saved.get(key) if isinstance(saved, dict) else None for key in ("values", "study"))
-        if isinstance(values, dict) and isinstance(study, str) and all(map(_is_number, values.values())):
-            return values, study
+        found = saved if isinstance(saved, dict) else {}
+        values, study, starts = (found.get(key) for key in ("values", "study", "starts"))
+        numbers = isinstance(values, dict) and all(map(_is_number, values.values()))
+        if numbers and isinstance(study, str) and isinstance(starts, int):
+            return cast(dict[str, float], values), study, starts
         raise ValueError(
             f"`store` must be a JSON file of names and numbers that a fit wrote, but {self.path} has "
             f"{str(saved)[:60]}. Remove it, or name another file."
