@@ -34,7 +34,8 @@ class _DampingState(eqx.Module):
 
 
 class _CautiousTrustRegion(optimistix.ClassicalTrustRegion):
-    """Lowers the damping after a good step, but not after the first one that follows a rejection.
+    """Lowers the damping after a good step, but not after the first one that follows a rejection, and raises it faster
+    after the second rejection in a row: next to a bound, where p(z) is flat, steps are too long by many powers of ten.
 
     In a curved valley, damping that falls after every good step makes every other step a rejected one.
     """
@@ -45,6 +46,7 @@ class _CautiousTrustRegion(optimistix.ClassicalTrustRegion):
     def step(self, first_step, y, y_eval, f_info, f_eval_info, state: Any):
         size, accept, result, _ = super().step(first_step, y, y_eval, f_info, f_eval_info, state)
         size = jnp.where(accept & state.rejected, jnp.minimum(size, state.step_size), size)
+        size = jnp.where(~accept & state.rejected, self.low_constant * size, size)
         return size, accept, result, _DampingState(size, ~accept)
 
 

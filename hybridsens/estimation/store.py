@@ -82,7 +82,7 @@ class Store(NamedTuple):
         except ValueError as error:  # no JSON, or no text
             raise ValueError(f"`store` must be a JSON file, but {self.path} is none: {error}.") from error
         found = saved if isinstance(saved, dict) else {}
-        values, study, starts = (found.get(key) for key in ("values", "study", "starts"))
+        values, study, starts = found.get("values"), found.get("study"), found.get("starts", 1)
         numbers = isinstance(values, dict) and all(map(_is_number, values.values()))
         if numbers and isinstance(study, str) and isinstance(starts, int):
             return cast(dict[str, float], values), study, starts

@@ -121,7 +121,7 @@ def test_a_store_gives_back_what_it_was_given(tmp_path):
     store = Store(tmp_path / "best.json", selection, "this one")
     assert store.read() is None
     store.write(np.array([np.pi / 2, 0.5]))
-    np.testing.assert_array_equal(store.read(), [3.0, 0.5])
+    np.testing.assert_array_equal(store.read().values, [3.0, 0.5])
     with pytest.raises(ValueError, match="`store` must be of the same study"):
         store._replace(study="another").read()
 
@@ -217,6 +217,6 @@ def test_a_store_is_there_after_a_fit_that_had_nothing_to_do(starts, tmp_path):
 
 @pytest.mark.parametrize("name", ["sigma", "event_times"])
 def test_what_belongs_to_the_data_is_sent_there(name):
-    told = rf"`fit` must be given {name} with the data: .*read_measurements\(data, {name}="
+    told = rf"`fit` must be given {name} with the data, .*read_measurements\(table, {name}="
     with pytest.raises(TypeError, match=told):
         fit(GUESS, RECORD, **{name: 0.1})

@@ -38,6 +38,12 @@ def test_a_direction_of_several_parameters_still_is():
     assert remark.startswith("hardly determined (standard error 1.4 of relative change): log_")
 
 
+def test_an_error_of_many_values_hides_none_of_the_others():
+    """Next to 0, with an error of 1e10 values: e, known to half a percent, was called hardly told from 0."""
+    (remark,) = said_of([1e-12, 0.7], [[0.02**2, 5e-5], [5e-5, 0.004**2]])
+    assert remark.startswith("hardly told from 0: log_ka") and "log_cl" not in remark
+
+
 def test_several_starts_tell_the_way_of_the_best():
     """The descent goes on from there, and often has nothing left to do."""
     starts = SimpleNamespace(loss=np.array([3.0, 0.5, np.inf]), iterations=np.array([4, 11, 0]))

@@ -37,6 +37,13 @@ def test_a_guess_of_0_is_left_in_any_unit(unit, tmp_path):
     assert again.converged and again.values[0] * unit == pytest.approx(SLOPE - 1.2, rel=1e-6)
 
 
+@pytest.mark.parametrize("bounds", [None, {"more": "positive"}], ids=["free", "positive"])
+def test_a_guess_next_to_0_is_left_too(bounds):
+    """From 1e-12, which does nothing that residuals show: the fit said "converged" there."""
+    found = fit(Faster(1.2, 1.0, 1e-12, 1.0), RECORD, parameters="more", bounds=bounds, **ROOM)
+    assert found.converged and found.values[0] == pytest.approx(SLOPE - 1.2, rel=1e-5)
+
+
 @pytest.mark.slow
 def test_a_guess_of_0_that_is_right_is_where_the_fit_ends():
     """Assert that no size is made of residuals that are rounding."""
@@ -50,6 +57,12 @@ def test_a_large_unknown_does_not_hide_that_a_small_one_moves():
     r, slope = jnp.array([0.0, 1e-3, 0.0]), jnp.eye(3)[:, :2]
     assert not at_minimum(r, slope, jnp.array([1e9, 1.0]), 3)
     assert at_minimum(1e-9 * r, slope, jnp.array([1e9, 1.0]), 3)
+
+
+def test_a_short_column_counts_as_a_long_one_does():
+    """Assert that residuals along it are told, unless it is rounding of the other one."""
+    r, z, slope = jnp.array([0.0, 1.0, 0.1]), jnp.ones(2), lambda short: jnp.array([[1.0, 0], [0, short], [0, 0]])
+    assert not at_minimum(r, slope(1e-12), z, 3) and at_minimum(r, slope(1e-16), z, 3)
 
 
 @pytest.mark.slow
