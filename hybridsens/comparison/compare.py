@@ -32,7 +32,7 @@ from .gradient_methods import (
     DEFAULT_ADJOINTS,
     GradientMethod,
     differences,
-    gradient_by,
+    gradient_at_tolerances,
     naive_methods,
     naive_methods_of_systems,
     our_methods,
@@ -100,20 +100,29 @@ def compare(
 
 def tight_reference(parameters: FlatParameters, cost: Cost, settings: Mapping[str, Any]) -> Reference:
     """Value and gradient by `Replay` at the tightest tolerance of the floating point type, and by Dopri8 where the
-    settings name no solver. Raises: SimulationError, which says that it is the reference that failed."""
+    settings name no solver. A second run, at ten times the tolerance, tells how well they are known: where motions are
+    chaotic, or where value and gradient are nothing but rounding, no tolerance makes them known.
+
+    Raises: SimulationError, which says that it is the reference that failed."""
     tolerance = max(1e-13, 32 * float(jnp.finfo(parameters.vector.dtype).eps))
-    tight = dict(rtol=tolerance, atol=tolerance, solver=settings.get("solver") or diffrax.Dopri8())
-    value, gradient, reported = gradient_by(Replay(), parameters, cost, {**settings, **tight})
+    solver = settings.get("solver") or diffrax.Dopri8()
+    run = gradient_at_tolerances(Replay(), parameters, cost, {**settings, "solver": solver})
+    with told_of_the_cost():
+        value, gradient, reported = run(parameters.vector, tolerance)
     try:
         raise_unless_reached_end(reported)
     except SimulationError as error:
         raise SimulationError(
-            f"The reference, by {type(tight['solver']).__name__} at a tolerance of {tolerance:.0e}: {error} Or give "
+            f"The reference, by {type(solver).__name__} at a tolerance of {tolerance:.0e}: {error} Or give "
             "your own, `reference=hybridsens.comparison.compare.Reference(value, gradient)`."
         ) from error
     count = max((int(count) for count in reported.count), default=None)
-    gradient = np.asarray(gradient, float)
-    return Reference(float(value), gradient, count, _doubt(reported, gradient))
+    value, gradient = float(value), np.asarray(gradient, float)
+    looser, slopes, looser_reported = run(parameters.vector, 10 * tolerance)
+    if not bool(all_reached_end(looser_reported)):
+        looser, slopes = np.inf, np.full(gradient.shape, np.inf)
+    errors = relative_error(float(looser), value), relative_error(np.asarray(slopes, float), gradient)
+    return Reference(value, gradient, count, _doubt(reported, gradient), *errors)
 
 
 def _doubt(reported: CallReport, gradient: np.ndarray) -> str:

@@ -20,6 +20,10 @@ COLUMNS = (
 HEAD = f"{'value':>14}{'value err':>11}{'gradient err':>13}{'forward':>11}{'gradient':>11}{'compile':>9}{'memory':>10}"
 
 
+FINE = 1e-8
+"""A relative error of a reference that is below all that is asked of methods."""
+
+
 class Reference(NamedTuple):
     """What the rows are compared with."""
 
@@ -29,6 +33,20 @@ class Reference(NamedTuple):
     """Number of events of the motion, the most of any if the cost asks for several."""
     doubt: str = ""
     """Why its gradient is not to be trusted, and no error of a gradient; empty where it is."""
+    value_error: float = 0.0
+    gradient_error: float = 0.0
+    """By how much it is another at ten times its tolerance, relative as the errors of rows are, of which none below
+    these is told."""
+
+    @property
+    def remark(self) -> str:
+        """What is to be known of it; empty where it is exact, or nearly so."""
+        if self.doubt or max(self.value_error, self.gradient_error) <= FINE:
+            return self.doubt
+        return (
+            f"known to {self.value_error:.1e} in value and {self.gradient_error:.1e} in gradient alone, by which it is "
+            "another at ten times its tolerance: no smaller error is told"
+        )
 
 
 class Row(NamedTuple):
@@ -76,7 +94,7 @@ class Comparison(NamedTuple):
         beside = width + len(HEAD) <= TERMINAL
         lines = [name_and_numbers("", HEAD, width).lstrip("\n")]
         lines += [f"{'    reference':{width if beside else TERMINAL - len(HEAD)}}{self.reference.value:>14.9g}"]
-        lines += [wrapped(f"    ({self.reference.doubt})", 4)] if self.reference.doubt else []
+        lines += [wrapped(f"    ({self.reference.remark})", 4)] if self.reference.remark else []
         lines += [_method_line(number, row, width) for number, row in enumerate(self.rows, 1)]
         if self.interrupted:
             lines.append("    (interrupted: the remaining methods were not run)")
@@ -89,7 +107,7 @@ class Comparison(NamedTuple):
             writer.writerow(["method", *COLUMNS, *(f"d/d {name}" for name in self.parameters), "failure"])
             reference = self.reference
             unknown = [""] * (len(COLUMNS) - 1)
-            writer.writerow(["reference", reference.value, *unknown, *reference.gradient, reference.doubt])
+            writer.writerow(["reference", reference.value, *unknown, *reference.gradient, reference.remark])
             for row in self.rows:
                 gradient = [""] * len(self.parameters) if row.gradient is None else row.gradient
                 writer.writerow([row.method, *(getattr(row, column) for column in COLUMNS), *gradient, row.failure])

@@ -31,8 +31,9 @@ def value_and_gradient(
 def central_differences(function: Callable, succeeded: Callable[[Any], bool]) -> Callable[[Any], tuple[Any, Any, Any]]:
     """dJ/dp_i ~ (J(p + h e_i) - J(p - h e_i)) / 2h with h = eps^(1/3) max(|p_i|, 1): two motions for each parameter.
 
-    Where only one side has a motion (a restitution of 1 can only fall) the difference is one-sided; nan where neither
-    has. `succeeded` tells from the auxiliary output of `function` whether the motion is one.
+    Where only one side has a motion (a restitution of 1 can only fall) the difference is one-sided. Where neither has,
+    beside a small parameter that may not leave its range, h is eps^(1/3) |p_i|; nan if neither has then. `succeeded`
+    tells from the auxiliary output of `function` whether the motion is one.
     """
 
     def side(vector, value, i, h):
@@ -44,12 +45,14 @@ def central_differences(function: Callable, succeeded: Callable[[Any], bool]) ->
 
     def evaluate(vector):
         value, aux = function(vector)
-        width = float(jnp.finfo(vector.dtype).eps) ** (1 / 3) * np.maximum(np.abs(vector), 1)
+        width, sizes = float(jnp.finfo(vector.dtype).eps) ** (1 / 3), np.abs(vector)
         gradient = np.full(vector.shape, np.nan)
-        for i, h in enumerate(width):
-            (right, h_right), (left, h_left) = side(vector, value, i, h), side(vector, value, i, -h)
-            if h_right != h_left:
-                gradient[i] = (right - left) / (h_right - h_left)
+        for i, widths in enumerate(zip(width * np.maximum(sizes, 1), width * sizes, strict=True)):
+            for h in widths:
+                (right, h_right), (left, h_left) = side(vector, value, i, h), side(vector, value, i, -h)
+                if h_right != h_left:
+                    gradient[i] = (right - left) / (h_right - h_left)
+                    break
         return value, gradient, aux
 
     return evaluate

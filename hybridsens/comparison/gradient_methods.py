@@ -5,6 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
+
 from ..adjoint.methods import (
     AbstractGradientMethod,
     ContinuousCostate,
@@ -61,6 +64,20 @@ def gradient_by(
     run = value_and_gradient(functional(parameters, cost, method.simulate), method.mode, options=options)
     with told_of_the_cost():
         return run(parameters.vector)
+
+
+def gradient_at_tolerances(
+    adjoint: AbstractGradientMethod, parameters: FlatParameters, cost: Cost, settings: Mapping[str, Any]
+) -> Callable[..., tuple[Any, Any, CallReport]]:
+    """(vector, tolerance) -> J, dJ/dtheta and what the motions report: one program for all tolerances."""
+
+    @jax.jit
+    def gradient(vector, tolerance):
+        tolerance = jnp.asarray(tolerance, vector.dtype)
+        method = from_adjoint(adjoint.at_tolerance(tolerance), **{**settings, "rtol": tolerance, "atol": tolerance})
+        return value_and_gradient(functional(parameters, cost, method.simulate), method.mode)(vector)
+
+    return gradient
 
 
 def name_with_settings(method: Any) -> str:

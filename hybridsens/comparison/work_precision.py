@@ -12,14 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, ForwardSensitivities, Replay
-from ..parameters import FlatParameters, flatten_parameters
+from ..parameters import flatten_parameters
 from ..settings import Settings, check_solver, chosen_settings, finest_tolerance
 from ..validation.arguments import real_tolerance
 from ..waiting import counted
 from .compare import Reference, must_be_finite, relative_error, tight_reference
-from .differentiate import value_and_gradient
-from .functional import Cost, choose_cost, functional, raise_unless_reached_end
-from .gradient_methods import from_adjoint, name_with_settings
+from .functional import Cost, choose_cost, raise_unless_reached_end
+from .gradient_methods import gradient_at_tolerances, name_with_settings
 from .timing import first_call, reason, seconds_per_call
 from .work_precision_points import Point as Point
 from .work_precision_points import WorkPrecision as WorkPrecision
@@ -102,8 +101,8 @@ def work_precision(
             if path is not None:
                 write_points(path, points, reference, chosen)
     except KeyboardInterrupt:
-        return WorkPrecision(tuple(points), True, beyond, reference.doubt)
-    return WorkPrecision(tuple(points), False, beyond, reference.doubt)
+        return WorkPrecision(tuple(points), True, beyond, reference)
+    return WorkPrecision(tuple(points), False, beyond, reference)
 
 
 def _listed(name: str, entries: Any) -> tuple:
@@ -134,26 +133,13 @@ def measure_line(scene, cost: Cost, line: Line, reference: Reference, settings) 
     with jax.enable_x64(line.dtype == "float64"):  # what a scene makes out of nothing must have this type too
         cast = lambda leaf: jnp.asarray(leaf, line.dtype) if eqx.is_inexact_array(leaf) else leaf
         parameters = flatten_parameters(jax.tree.map(cast, scene))
-        gradient = _gradient(parameters, cost, line, settings)
+        gradient = gradient_at_tolerances(line.method, parameters, cost, settings | dict(solver=line.solver))
         for tolerance in line.tolerances:
             try:
                 found = _measure(lambda t=tolerance: gradient(parameters.vector, t), reference)
                 yield Point(*line.label, tolerance, *found)
             except Exception as error:  # a setting that fails must not stop the study
                 yield Point(*line.label, tolerance, failure=reason(error))
-
-
-def _gradient(parameters: FlatParameters, cost: Cost, line: Line, settings):
-    """(vector, tolerance) -> value, gradient, what the motions report."""
-
-    @jax.jit
-    def gradient(vector, tolerance):
-        tolerance = jnp.asarray(tolerance, vector.dtype)
-        method = line.method.at_tolerance(tolerance)
-        row = from_adjoint(method, solver=line.solver, rtol=tolerance, atol=tolerance, **settings)
-        return value_and_gradient(functional(parameters, cost, row.simulate), row.mode)(vector)
-
-    return gradient
 
 
 def _measure(call, reference: Reference):

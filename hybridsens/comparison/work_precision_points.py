@@ -59,8 +59,8 @@ class WorkPrecision(NamedTuple):
     """Whether Ctrl-C ended the run: the points are those that were finished."""
     beyond: tuple[str, ...] = ()
     """Dtypes that cannot meet all of the tolerances: they have no points of the tightest."""
-    doubt: str = ""
-    """Why the reference's gradient is not to be trusted, and no error of a gradient; empty where it is."""
+    reference: Reference | None = None
+    """What errors are measured against; None: not known."""
 
     def pareto(self, error: str = "gradient_error") -> list[Point]:
         """Points that no other point beats in both time and error, the fastest first. The reference's own run, whose
@@ -74,8 +74,11 @@ class WorkPrecision(NamedTuple):
         return front
 
     def recommend(self, gradient_error: float = 1e-6) -> Point | None:
-        """The fastest point whose gradient error is at most this; None where no point reaches it. Of points that take
-        as long as it, within what clocks tell apart, the one with the least error."""
+        """The fastest point whose gradient error is at most this; None where no point reaches it, or where the
+        reference itself is not known so well. Of points that take as long as it, within what clocks tell apart, the one
+        with the least error."""
+        if self._blind(gradient_error):
+            return None
         good = [point for point in self.points if not point.failure and point.gradient_error <= gradient_error]
         fastest = min((point.seconds for point in good), default=0.0)
         as_fast = [point for point in good if point.seconds <= ALIKE * fastest]
@@ -95,16 +98,23 @@ class WorkPrecision(NamedTuple):
             lines.append(f"{mark}{point.label:{width}}" + (f"  failed: {point.failure}" if point.failure else numbers))
         lines += [f"  (no {t} below {finest_tolerance(t):.1e}: it cannot meet such tolerances)" for t in self.beyond]
         lines += ["  (interrupted: the remaining points were not run)"] if self.interrupted else []
-        lines += [wrapped(f"  (reference {self.doubt})", 2)] if self.doubt else []
+        remark = "" if self.reference is None else self.reference.remark
+        lines += [wrapped(f"  (reference {remark})", 2)] if remark else []
         lines.append("* no other point is both faster and more accurate")
         return "\n".join([*lines, *map(self.advice, TARGETS)])
 
     def advice(self, gradient_error: float) -> str:
         """The recommendation in a sentence."""
+        if self._blind(gradient_error):
+            return f"for gradient error {gradient_error:.0e} on this scene: the reference is not known so well"
         best = self.recommend(gradient_error)
         if best is None:
             return f"for gradient error {gradient_error:.0e} on this scene: no point reaches it"
         return f"for gradient error {gradient_error:.0e} on this scene: {best.label}: {1e3 * best.seconds:.3g} ms"
+
+    def _blind(self, gradient_error: float) -> bool:
+        """Whether no such error can be told."""
+        return self.reference is not None and not self.reference.gradient_error <= gradient_error
 
 
 REFERENCE, GRADIENT, SETTINGS = OF_STUDY = ("reference_value", "reference_slope", "settings")

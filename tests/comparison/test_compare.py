@@ -161,7 +161,7 @@ def test_a_reference_whose_gradient_is_not_right_is_not_trusted(tmp_path):
     assert "not to be trusted" in str(comparison)
     comparison.to_csv(tmp_path / "table.csv")
     assert "not to be trusted" in (tmp_path / "table.csv").read_text()
-    assert "(reference not to be trusted" in str(hs.WorkPrecision((), doubt=comparison.reference.doubt))
+    assert "(reference not to be trusted" in str(hs.WorkPrecision((), reference=comparison.reference))
 
 
 @pytest.mark.slow
