@@ -84,6 +84,12 @@ def _advice(result: Any) -> str:
     """What to do about a fit that did not converge."""
     if result.on_bound:
         return f"It did not converge. Wider bounds of {', '.join(result.on_bound)} or other guesses may let it."
+    losses = [line.loss for line in result.history]
+    if all(line.accepted for line in result.history) and np.ptp(losses) <= 1e-3 * losses[0]:
+        return (
+            "It did not converge: the optimizer's steps are too short to lead anywhere. Give it longer ones, or "
+            "`sigma`, in which the loss is counted, or take the default optimizer."
+        )
     no_way = "" if result.stopped == "max_iterations" else (
         " Where an event passes the time of a measurement the loss jumps, and no step leads across: begin on the other "
         "side."

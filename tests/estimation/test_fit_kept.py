@@ -44,19 +44,22 @@ def test_more_starts_than_before_begin_around_what_was_kept(tmp_path):
     assert fit(GUESS, RECORD, store=path, starts=3, **ASKED).starts.loss.shape == (3,)
 
 
-@pytest.mark.parametrize(
-    "optimizer", [optax.sgd(1e-16), optax.sgd(optax.linear_schedule(0.0, 1e-3, 4))], ids=["tiny", "warm-up"]
-)
+TINY = optax.sgd(1e-16)
+
+
+@pytest.mark.parametrize("optimizer", [TINY, optax.sgd(optax.linear_schedule(0.0, 1e-3, 4))], ids=["tiny", "warm-up"])
 def test_steps_that_a_schedule_makes_small_are_no_minimum(optimizer):
-    """Assert that the first one, which was called converged at the guess, is not."""
+    """Assert that the first one, which was called converged at the guess, is not, and that the report says which are
+    too short."""
     found = fit(GUESS, RECORD, optimizer=optimizer, max_iterations=3, **ASKED)
     assert found.stopped == "max_iterations" and found.iterations == 3 and not found.converged
+    assert ("steps are too short" in str(found)) == (optimizer is TINY)
 
 
 @pytest.mark.slow
 def test_starts_that_stay_have_not_converged():
     """Assert it of each of them."""
-    found = fit(GUESS, RECORD, optimizer=optax.sgd(1e-16), starts=2, max_iterations=3, **ASKED)
+    found = fit(GUESS, RECORD, optimizer=TINY, starts=2, max_iterations=3, **ASKED)
     assert found.starts.converged.tolist() == [False, False]
     found = fit(GUESS, RECORD, optimizer="lbfgs", starts=2, **ASKED)
     assert found.starts.converged.all() and found.values[0] == pytest.approx(SLOPE, rel=1e-6)
