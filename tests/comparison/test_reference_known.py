@@ -61,6 +61,7 @@ def test_a_chaotic_reference_says_how_little_it_knows():
     assert "known to" in str(study) and "gradient error 1e-08 on this scene: the reference is not known" in str(study)
 
 
+@pytest.mark.slow
 def test_a_cost_at_its_minimum_is_rounding():
     """Assert that the reference says so, in a table too, and that it says nothing of a cost that is not."""
     ball = BouncingBall()

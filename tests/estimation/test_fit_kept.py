@@ -34,6 +34,7 @@ def test_stages_never_replace_a_better_point_that_was_kept(tmp_path):
     assert _slope(path) == pytest.approx(SLOPE, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_more_starts_than_before_begin_around_what_was_kept(tmp_path):
     """Assert that the same number does not begin again: their best point is what the file holds."""
     path, some = tmp_path / "best.json", RandomStarts(2, 0.5)
