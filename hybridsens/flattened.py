@@ -67,6 +67,8 @@ class FlattenedSystem(AbstractFlatSystem):
     """How many scheduled times there are; None where the system does not speak of any."""
     first_mode: Any
     """The mode in which the motion begins."""
+    program: str = eqx.field(default="", static=True)
+    """What its functions compute: where they read from elsewhere, two systems of one class may differ in that alone."""
 
     def split(self, vector):
         """x and z of a flat state (leading axes are kept)."""

@@ -137,7 +137,7 @@ def simulate(
     mode = mode_as_arrays(mode)
     if scene.located_discontinuities:
         scene, running_cost, mode = located(scene, running_cost, t0, state, mode)
-    scene, running_cost, switching = _prepared(scene, running_cost, t0, state, mode)
+    scene, running_cost, switching, program = _prepared(scene, running_cost, t0, state, mode)
     adjoint = adjoint or Replay()
     segment_steps = segment_room(adjoint, ts)
     check_room(max_events, segment_steps or max_steps, 2 * state.q.shape[0], state.q.dtype)
@@ -147,7 +147,9 @@ def simulate(
     # Numbers that the system holds and no derivative is taken by.
     fixed = lambda x: x if isinstance(x, float) else Fixed.of(x, state.q.dtype)
     depth = fixed(rtol), fixed(atol)
-    mechanics = MechanicalSystem(scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts)
+    mechanics = MechanicalSystem(
+        scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts, program=program
+    )
     system = mechanics if switching is None else SwitchedSystem(mechanics, *switching, mode)
     if not adjoint.forward_mode:
         system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
@@ -162,19 +164,21 @@ def simulate(
 
 def _prepared(scene: AbstractScene, running_cost, t0, state: State, mode):
     """The scene and the running cost, checked, in the type of the state, with all that they close over as leaves; and
-    the rules of its switches and their number, None for a scene without. A scene with switches becomes the scene that
-    it is in its mode."""
+    the rules of its switches and their number, None for a scene without; and what names the program of all these. A
+    scene with switches becomes the scene that it is in its mode."""
     check_mode(scene, mode)
     scene, running_cost = in_type((scene, running_cost), state.q.dtype)
     in_its_mode, cost_there = in_mode(scene, running_cost, mode)
-    switching, modes = None, ()
+    switching, modes, of_switches = None, (), ""
     if isinstance(scene, AbstractSwitchedScene):
         count = check_switches(scene, state, mode)
-        switching, modes = (switch_rules(scene, t0, state, mode), count), (mode,)
+        rules, of_switches = switch_rules(scene, t0, state, mode)
+        switching, modes = (rules, count), (mode,)
     of_one_type = check_shapes(in_its_mode, state, cost_there)
-    lifted, running_cost = lift_closures(in_its_mode, running_cost, t0, state, *modes)
+    lifted, running_cost, program = lift_closures(in_its_mode, running_cost, t0, state, *modes)
     scene, running_cost = in_mode(lifted, running_cost, mode)
-    return scene if of_one_type else TypedScene(scene, state.q.dtype), running_cost, switching
+    scene = scene if of_one_type else TypedScene(scene, state.q.dtype)
+    return scene, running_cost, switching, program + of_switches
 
 
 @eqx.filter_jit

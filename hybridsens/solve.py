@@ -104,7 +104,8 @@ def solve(
     written = system, x0  # what a message speaks of
     system, running_cost = in_type((system, running_cost), dtype)
     counts, cost = check_system(system, running_cost, t0, x0, mode)
-    system, running_cost = in_type(lifted(system, running_cost, t0, x0, mode), dtype)
+    system, running_cost, program = lifted(system, running_cost, t0, x0, mode)
+    system, running_cost = in_type((system, running_cost), dtype)
     adjoint = adjoint or Replay()
     again = Call.of(
         dict(
@@ -126,7 +127,9 @@ def solve(
     if written[0].located_discontinuities:
         system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))
     names = event_names(written[0], counts.guards, counts.scheduled or 0, guards - counts.guards)
-    flat = FlattenedSystem(system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode)
+    flat = FlattenedSystem(
+        system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode, program
+    )
     with waiting("compiling and simulating", progress):
         solution = _solve(flat, x0, first_mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
     solution = eqx.tree_at(lambda s: s.events, solution, dataclasses.replace(solution.events, names=names))

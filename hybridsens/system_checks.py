@@ -11,6 +11,7 @@ from .system import AbstractHybridSystem
 from .validation.asked import Asked, is_method, kind_of
 from .validation.lost_derivatives import hides_tracers, method_of, undifferentiated, warn_of_mode_after
 from .validation.own_start import other_structure_told
+from .validation.program import digest, traced
 from .validation.returned import must_have_shape, must_match, outcome, returned_array, returned_leaves
 from .validation.transition import check_change
 
@@ -152,17 +153,19 @@ def as_written(system: AbstractHybridSystem) -> AbstractHybridSystem:
 
 def lifted(system: AbstractHybridSystem, running_cost, t, x, mode):
     """The system and the running cost, with every traced value that they close over turned into a leaf: a custom
-    derivative rule would not see it otherwise."""
+    derivative rule would not see it otherwise; and what names the program of their functions."""
     calls = {
         "flow": (method_of("flow"), given := (system, t, x, mode)),
         "guards": (method_of("guards"), given),
         "transition": (method_of("transition"), (system, jnp.asarray(0), t, x, mode)),
         "scheduled_times": (method_of("scheduled_times"), (system, x, mode)),
     }
-    if running_cost is not None and hides_tracers(running_cost, given):
+    traces = {name: traced(*call) for name, call in calls.items()}
+    costs = [] if running_cost is None else [traced(running_cost, given)]
+    if running_cost is not None and any(map(hides_tracers, costs)):
         written = running_cost
         running_cost = eqx.filter_closure_convert(lambda *given: written(*given), *given)
-    if any(hides_tracers(*call) for call in calls.values()):
+    if any(map(hides_tracers, traces.values())):
         functions = {name: eqx.filter_closure_convert(call, *given) for name, (call, given) in calls.items()}
         system = LiftedSystem(system, functions)
-    return system, running_cost
+    return system, running_cost, digest([*traces.values(), *costs])

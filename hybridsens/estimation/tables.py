@@ -1,6 +1,5 @@
 """Measurements from what people keep them in: CSV files, pandas and xarray tables, dictionaries, tuples of arrays."""
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,10 @@ from ..validation.spelling import did_you_mean
 from .cells import as_numbers
 from .csv_file import check_different, read_csv
 from .data import Measurements, check_values, measurements
+from .time_column import IN_BRACKETS, TIMES, check_unit_of_times, time_column, without_unit
 from .times import SEVERAL
 
 _SIGMA = "sigma_"
-_TIMES = ("t", "time", "t [s]", "time [s]")
-"""Names of times in the unit that a fit takes them in; in another unit they are converted by hand."""
-_IN_BRACKETS = re.compile(r"[\[(]\s*(.*?)\s*[\])]$")
-_SECONDS = ("s", "sec", "second", "seconds", "")
-"""What xarray's attribute `units` may say of them, or what stands in brackets behind their name."""
 
 
 def read_measurements(
@@ -60,9 +55,9 @@ def read_measurements(
     if isinstance(data, tuple) and len(data) == 2 and not hasattr(data[0], "columns"):
         return measurements(*data, sigma=sigma, names=called or columns, missing=missing, **events)
     table = _as_mapping(data, time)
-    time = _with_unit(time, table) if time else _time_column(table, _index_without_name(data))
-    if unit := _IN_BRACKETS.search(time):
-        _check_unit_of_times(time, unit[1])
+    time = _with_unit(time, table) if time else time_column(table, _index_without_name(data))
+    if unit := IN_BRACKETS.search(time):
+        check_unit_of_times(time, unit[1])
     names = _observed_columns(table, time, columns and [_with_unit(name, table) for name in columns])
     if not names:
         raise ValueError(f"The table must have at least one observed column beside the time, but has {list(table)}.")
@@ -87,70 +82,22 @@ def _must_be_as_they_are(arguments: Mapping[str, Any]) -> None:
 
 def _in_unit_of(column: str, name: str) -> str:
     """The name of what a column is mapped to, with the unit that the column names: a fit looks for degrees there."""
-    unit = _IN_BRACKETS.search(str(column))
-    return f"{name} {unit[0]}" if unit and not _IN_BRACKETS.search(name) else name
-
-
-def _without_unit(name: Any) -> str:
-    return _IN_BRACKETS.sub("", str(name)).strip()
+    unit = IN_BRACKETS.search(str(column))
+    return f"{name} {unit[0]}" if unit and not IN_BRACKETS.search(name) else name
 
 
 def _with_unit(name: str, table: Mapping[str, Any]) -> str:
     """The column of this name, whose unit may be left off; the name itself where not one alone is meant."""
     meant = [column for column in table if str(column) == name] or [
-        column for column in table if _without_unit(column) == name
+        column for column in table if without_unit(column) == name
     ]
     return meant[0] if len(meant) == 1 else name
-
-
-def _time_column(table: Mapping[str, Any], index_alone: bool) -> str:
-    """Raises: ValueError if none has the name of one, with the name of that which may be it; at once if that is in
-    another unit."""
-    known = next((name for name in _TIMES if name in table), None)
-    if known is None:
-        near = next((str(name) for name in table if _is_near(str(name))), None)
-        if near is not None and (unit := _IN_BRACKETS.search(near)):
-            _check_unit_of_times(near, unit[1])
-        name = near or "name"
-        if len(table) > 0 and all(_is_number(name) for name in table):
-            raise ValueError(
-                f"The first line of the table must name its columns, but has numbers alone: {list(table)}. Put a line "
-                'such as "t,q0" before them.'
-            )
-        own = ' If it is the index, name that: `data.rename_axis("t")`.' if index_alone else ""
-        raise ValueError(
-            f'The table must have a column of times "t" or "time" [s], but has {list(table)}. Say which one it is: '
-            f"`read_measurements(data, time={name!r})`, in a terminal --time {name!r}, or rename it.{own}"
-        )
-    return known
-
-
-def _is_number(name: Any) -> bool:
-    try:
-        float(name)
-    except (TypeError, ValueError):
-        return False
-    return isinstance(name, str)
 
 
 def _index_without_name(data: Any) -> bool:
     """Whether a DataFrame has an index that may be the times, but no name says so; the rows' numbers are none."""
     index: Any = getattr(data, "index", None)
     return getattr(index, "name", "") is None and type(index).__name__ != "RangeIndex"
-
-
-def _check_unit_of_times(name: Any, unit: str | None) -> None:
-    """Raises: ValueError for times in another unit than seconds: a fit would take them as they are."""
-    if unit is not None and unit not in _SECONDS:
-        raise ValueError(
-            f"The times {str(name)!r} must be in seconds, or in what the model itself counts in, but are in {unit!r}: "
-            "convert them to seconds and say so, \"t [s]\", or, if the model counts in that unit, leave it out: \"t\"."
-        )
-
-
-def _is_near(name: str) -> bool:
-    """Whether a column may be the times, by its name, whatever the unit."""
-    return name.lower().startswith("time") or _without_unit(name) == "t"
 
 
 def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str] | None) -> list[str]:
@@ -162,7 +109,7 @@ def _observed_columns(table: Mapping[str, Any], time: str, columns: Sequence[str
     if unknown:
         raise ValueError(
             f"The table must have the columns {unknown}, but has {list(table)}."
-            f"{did_you_mean(unknown, [*table, *map(_without_unit, table)])}"
+            f"{did_you_mean(unknown, [*table, *map(without_unit, table)])}"
         )
     if columns:
         return list(columns)
@@ -226,7 +173,7 @@ def _from_pandas(data: Any, time: str | None) -> dict[str, np.ndarray]:
     columns = {str(name): data[name].to_numpy() for name in data.columns}
     index: Any = getattr(data, "index", None)  # tables of other libraries have none
     name = getattr(index, "name", None)
-    wanted = time in (name, _without_unit(name)) if time else not any(known in columns for known in _TIMES)
+    wanted = time in (name, without_unit(name)) if time else not any(known in columns for known in TIMES)
     if name is None or not wanted or index.to_numpy().dtype.kind not in "iufmM":
         return columns
     return {str(name): index.to_numpy(), **columns}
@@ -236,7 +183,7 @@ def _from_xarray(data: Any) -> dict[str, np.ndarray]:
     """Columns of a Dataset or DataArray; a second dimension becomes columns <name>0, <name>1, ..."""
     dataset = data if hasattr(data, "data_vars") else data.to_dataset(name=data.name or "q")
     along = next(iter(dataset.data_vars.values())).dims[0]
-    _check_unit_of_times(along, dataset[along].attrs.get("units"))
+    check_unit_of_times(along, dataset[along].attrs.get("units"))
     columns = [(str(along), dataset[along].to_numpy())]
     for name, variable in dataset.data_vars.items():
         if variable.dims[:1] != (along,) or variable.ndim > 2:

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..validation.asked import Asked
 from ..validation.lost_derivatives import hides_tracers, method_of, warn_of_mode_after
 from ..validation.own_start import check_mode_given
+from ..validation.program import digest, traced
 from ..validation.returned import must_have_shape, returned_array
 from ..validation.transition import check_change
 from .scene import AbstractScene, State
@@ -164,16 +165,17 @@ class SwitchRules(eqx.Module):
     """(scene, event, t, q, v, mode) -> (v, mode)"""
 
 
-def switch_rules(scene: AbstractSwitchedScene, t, state: State, mode: Any) -> SwitchRules:
-    """Both functions, with every traced value that they close over turned into a leaf."""
+def switch_rules(scene: AbstractSwitchedScene, t, state: State, mode: Any) -> tuple[SwitchRules, str]:
+    """Both functions, with every traced value that they close over turned into a leaf; and what names their program."""
     instant = (t, state.q, state.v, mode)
     calls = {"switches": (scene, *instant), "switch": (scene, jnp.asarray(0), *instant)}
-    hidden = any(hides_tracers(method_of(name), given) for name, given in calls.items())
+    traces = [traced(method_of(name), given) for name, given in calls.items()]
+    hidden = any(map(hides_tracers, traces))
     functions = {
         name: lifted(method_of(name), given, state.q.dtype) if hidden else _METHODS[name]
         for name, given in calls.items()
     }
-    return SwitchRules(**functions)
+    return SwitchRules(**functions), digest(traces)
 
 
 def warn_of_switch(rules: SwitchRules, scene: AbstractScene, t, q, v, mode: Any) -> None:

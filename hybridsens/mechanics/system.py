@@ -53,6 +53,8 @@ class MechanicalSystem(AbstractFlatSystem):
     """Times at which a force has a kink or a jump, or a gap a kink."""
     free: bool = eqx.field(default=False, static=True)
     """Whether this is the system as it moves while every contact is open."""
+    program: str = eqx.field(default="", static=True)
+    """What its functions compute: where they read from elsewhere, two systems of one class may differ in that alone."""
 
     def split(self, x):
         """q, v, z of a flat state (leading axes are kept)."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..validation.arguments import in_type
 from ..validation.lost_derivatives import hides_tracers, method_of
+from ..validation.program import digest, traced
 from .scene import AbstractScene, State
 
 
@@ -141,7 +142,8 @@ class LiftedScene(WrappedScene):
 
 
 def lift_closures(scene: AbstractScene, running_cost: Callable | None, t, state: State, *mode):
-    """The scene and the running cost, with every traced value that they close over turned into a leaf.
+    """The scene and the running cost, with every traced value that they close over turned into a leaf; and what names
+    the program of their functions.
 
     The running cost is one of (scene as written, t, q, v, *mode)."""
     q, v = state.q, state.v
@@ -152,13 +154,15 @@ def lift_closures(scene: AbstractScene, running_cost: Callable | None, t, state:
         "gap": (method_of("gap"), (scene, t, q)),
         "restitution": (method_of("restitution"), (scene,)),
     }
-    if running_cost is not None and hides_tracers(running_cost, instant):
+    traces = {name: traced(*call) for name, call in calls.items()}
+    costs = [] if running_cost is None else [traced(running_cost, instant)]
+    if running_cost is not None and any(map(hides_tracers, costs)):
         given_cost = running_cost
         call = lambda *given: given_cost(*given)  # Equinox leaves a function without a closure as it is
         running_cost = lifted(call, instant, q.dtype)
-    if any(hides_tracers(*call) for call in calls.values()):
+    if any(map(hides_tracers, traces.values())):
         scene = LiftedScene(scene, {name: lifted(*call, q.dtype) for name, call in calls.items()})
-    return scene, running_cost
+    return scene, running_cost, digest([*traces.values(), *costs])
 
 
 def lifted(function: Callable, arguments, dtype) -> Callable:

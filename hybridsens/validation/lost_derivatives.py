@@ -10,6 +10,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
+from jax.extend.core import ClosedJaxpr
 
 from .caller import warn_caller
 
@@ -19,18 +20,9 @@ def method_of(name: str) -> Callable:
     return lambda scene, *given: getattr(scene, name)(*given)
 
 
-def hides_tracers(function: Callable, arguments) -> bool:
-    """Whether tracing the function meets a traced value that is neither an argument nor a leaf of the function."""
-    dynamic, static = eqx.partition((function, arguments), eqx.is_array)
-
-    def call(dynamic):
-        function, arguments = eqx.combine(dynamic, static)
-        return eqx.filter(function(*arguments), eqx.is_array)
-
-    constants = jax.make_jaxpr(call)(
-        jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), dynamic)
-    ).consts
-    return any(isinstance(constant, jax.core.Tracer) for constant in constants)
+def hides_tracers(trace: ClosedJaxpr) -> bool:
+    """Whether what was traced met a traced value that is neither an argument nor a leaf of the function."""
+    return any(isinstance(constant, jax.core.Tracer) for constant in trace.consts)
 
 
 STOP = "Where no derivative is meant, write jax.lax.stop_gradient around it."
