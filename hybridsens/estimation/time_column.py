@@ -17,7 +17,9 @@ def without_unit(name: Any) -> str:
 
 
 def time_column(table: Mapping[str, Any], index_alone: bool) -> str:
-    """The name of the column of times. Raises: ValueError if none has the name of one, with the name of that which may be it; at once if that is in
+    """The name of the column of times.
+
+    Raises: ValueError if none has the name of one, with the name of that which may be it; at once if that is in
     another unit."""
     known = next((name for name in TIMES if name in table), None)
     if known is None:
@@ -51,7 +53,7 @@ def check_unit_of_times(name: Any, unit: str | None) -> None:
     if unit is not None and unit not in _SECONDS:
         raise ValueError(
             f"The times {str(name)!r} must be in seconds, or in what the model itself counts in, but are in {unit!r}: "
-            "convert them to seconds and say so, \"t [s]\", or, if the model counts in that unit, leave it out: \"t\"."
+            'convert them to seconds and say so, "t [s]", or, if the model counts in that unit, leave it out: "t".'
         )
 
 

@@ -4,6 +4,7 @@ import dataclasses
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.tolerances import closeness, rounding, time_resolution
@@ -30,7 +31,7 @@ class EventState(NamedTuple):
     meeting: Bool[Array, "contact"]
     """Contacts whose gap is zero at this instant, whether or not the triggered one acts on them."""
     closed: Bool[Array, "contact"]
-    """Contacts that take part: held ones, the triggered one, and those that meet here and that it acts on."""
+    """Contacts that take part: held ones, the triggered one, and those that meet here and that it reaches."""
     impacting: Bool[Array, "contact"]
     """Those of them that the law of impact is asked about: none at a release, at the start or at a flow jump."""
     below_rounding: Float[Array, "contact"]
@@ -49,9 +50,9 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     triggered = jnp.arange(gap.shape[0]) == event
     is_release = jnp.any(triggered & mode.active)
     meeting = gap <= tolerance + time_resolution(t, MEETING) * jnp.abs(rate)
-    touching = meeting & _acted_on(geometry, event, mode.active)  # uncoupled ones have an event of their own
+    joined = _joined(geometry, triggered, meeting, mode.active)  # others have an event of their own
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
-    closed = jnp.where(is_release, held & ~triggered, held | triggered | touching)
+    closed = jnp.where(is_release, held & ~triggered, held | joined)
     closed = jnp.where(chosen_anew, (gap <= tolerance) | held, closed)
     impacting = closed & ~is_release & ~chosen_anew
     below_rounding = rate_below_rounding(accelerations, t, mode)
@@ -68,14 +69,23 @@ def rate_below_rounding(gap_acceleration, t, mode: ContactMode):
     return jnp.sqrt(4 * jnp.abs(gap_acceleration) * height)
 
 
-def _acted_on(geometry: ContactGeometry, event, active: Bool[Array, "contact"]) -> Bool[Array, "contact"]:
-    """Contacts whose rate an impulse at the triggered one changes, by itself or by what those held do then."""
-    W = geometry.delassus
-    row, diagonal = W.row(event), W.diagonal()
-    held_too = row - W @ W.solve(row, active.astype(row.dtype))
-    return jnp.maximum(jnp.abs(row), jnp.abs(held_too)) > closeness(row.dtype) * jnp.sqrt(
-        jnp.abs(diagonal * diagonal[event])
-    )
+def _joined(geometry: ContactGeometry, triggered, meeting, active) -> Bool[Array, "contact"]:
+    """The triggered contact, and those that meet with it and that its impulse reaches: by itself, by what those held do
+    then, or by what others do that it has reached."""
+    if triggered.shape[0] == 1:
+        return triggered
+    W, diagonal = geometry.delassus, jnp.abs(geometry.delassus.diagonal())
+    # Impulses of several contacts at once, in no simple proportion, so that they do not cancel.
+    impulse = 1 + jnp.mod(jnp.sqrt(2.0) * jnp.arange(triggered.shape[0]), 1).astype(diagonal.dtype)
+
+    def grown(reached):
+        rates = W @ jnp.where(reached, impulse, 0)
+        with_held = rates - W @ W.solve(rates, active.astype(rates.dtype))
+        least = closeness(rates.dtype) * jnp.sqrt(diagonal * jnp.max(jnp.where(reached, diagonal, 0)))
+        return reached | (meeting & (jnp.maximum(jnp.abs(rates), jnp.abs(with_held)) > least))
+
+    grows = lambda now: jnp.any(now[1] & ~now[0])
+    return lax.while_loop(grows, lambda now: (now[1], grown(now[1])), (triggered, grown(triggered)))[1]
 
 
 def acted_on_nearby(geometry: ContactGeometry, triggered: Bool[Array, "contact"]) -> Bool[Array, "contact"]:

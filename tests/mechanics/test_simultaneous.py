@@ -182,3 +182,36 @@ def test_of_floors_that_rise_the_fastest_one_carries(scale):
     motion = jax.jit(lambda scene: hs.simulate(scene, hs.State([0.0], [0.0]), t1=1.0))(scene)
     assert abs(motion.final.q[0] - 1.0) < 1e-9
     assert np.flatnonzero(motion.mode).tolist() == [len(scale) - 1]
+
+
+class Stack(hs.AbstractScene):
+    """Points on a line above a floor, the lowest first; `rows` are those of their gaps."""
+
+    mass: jax.Array
+    e: jax.Array
+    rows: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.diag(self.mass)
+
+    def force(self, t, q, v):
+        return jnp.zeros(3)
+
+    def gap(self, t, q):
+        return self.rows @ q
+
+    def restitution(self):
+        return self.e
+
+
+@pytest.mark.parametrize("mass", [[1.0, 1.0, 1.0], [4.0, 2.0, 1.0]])
+@pytest.mark.parametrize("e", [0.5, 1.0])
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0], [1, 0, 2]])
+def test_contacts_that_others_link_meet_in_one_impact(mass, e, order):
+    """Assert Newton's law of all three at once, which here sends every point back, whichever gap comes first: the outer
+    two do not act on each other, but on the one between."""
+    rows, v = jnp.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 1.0]]), jnp.array([-1.0, -2.0, -4.0])
+    stack = Stack(jnp.array(mass), jnp.full(3, e), rows[jnp.array(order)])
+    motion = hs.simulate(stack, hs.State(-v / 2, v), t1=0.75, max_events=8, max_steps=64)
+    np.testing.assert_allclose(motion.final.v, -e * v, rtol=1e-12)
+    assert marks(motion) == [True]
