@@ -171,7 +171,7 @@ def check_solver(name: str, solver: Any) -> None:
     if not _serves(solver):
         raise TypeError(
             f"`{name}` must be a Diffrax solver of ordinary differential equations with an error estimate, such as "
-            f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), but is {kind_of(solver)}."
+            f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), which takes the flow as one term, but is {kind_of(solver)}."
         )
 
 

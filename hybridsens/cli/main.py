@@ -71,7 +71,8 @@ def run(arguments: list[str] | None = None) -> int:
         where, inner = _where(error), traceback.extract_tb(error.__traceback__)[-1]
         if isinstance(error, TypeError) and not (where or Path(inner.filename).is_relative_to(PACKAGE)):
             raise  # what a library says needs the lines that led there
-        message = getattr(error, "format_message", error.__str__)()
+        notes = [note for note in getattr(error, "__notes__", []) if not note.startswith("---")]  # JAX's on its frames
+        message = " ".join([getattr(error, "format_message", error.__str__)(), *notes])
         print(f"hybridsens: {' '.join(message.split())}{where}", file=sys.stderr)
         return getattr(error, "exit_code", 1 if isinstance(error, SimulationError) else MISTAKE)
 

@@ -47,9 +47,11 @@ class Events(eqx.Module):
     def times_of(self, contact: int, count: int, kind: EventKind | None = None) -> Float[Array, "*batch first"]:
         """Times of the first `count` events of one contact [s], for a cost: its impacts, or events of another `kind`
         (of `EventKind.SWITCH`, those of a switch). Where there are fewer, inf: a cost that is finite all the same must
-        tell what that is worth, `jnp.where(jnp.isfinite(t), t, t1)`. Raises: ValueError for a contact that there is
-        not, and for a `count` that is no integer from 1 to `max_events`."""
+        tell what that is worth, `jnp.where(jnp.isfinite(t), t, t1)`. Raises: TypeError for a name, ValueError for a
+        contact that there is not, and for a `count` that is no integer from 1 to `max_events`."""
         contacts = self.impulse.shape[-1]
+        if isinstance(contact, str):
+            raise TypeError(f"`contact` must be its number, that of its gap from 0, but is the name {contact!r}.")
         if kind != EventKind.SWITCH and not 0 <= contact < contacts:
             raise ValueError(f"`contact` must be from 0 to {contacts - 1}, but is {contact}.")
         strikes = (self.kind == EventKind.IMPACT) | (self.kind == EventKind.CAPTURE)

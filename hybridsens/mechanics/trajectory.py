@@ -179,7 +179,7 @@ class Trajectory(eqx.Module):
         if again is None:
             raise ValueError(
                 f"{wanted_by} must know the scene of its motion, which is lost where a motion is loaded, in a batch or "
-                "returned by jax.jit. Pass `ts=` to `simulate` instead."
+                "returned by jax.jit, and of which `come_from` tells the names alone. Pass `ts=` to `simulate` instead."
             )
         return again
 

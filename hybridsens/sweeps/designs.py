@@ -81,6 +81,13 @@ def grid(scene: Any, values: Mapping[str, Sequence[float] | np.ndarray | jax.Arr
     complex_ones = [name for name, axis in values.items() if np.iscomplexobj(axis)]
     if complex_ones:
         raise ValueError(f"The values of {complex_ones[0]!r} must be real numbers, but are complex.")
+    for name, axis in values.items():
+        if isinstance(axis, tuple) and len(axis) == 3 and isinstance(axis[2], int) and not isinstance(axis[0], int):
+            low, high, count = axis
+            raise ValueError(
+                f"The values of {name!r} must be listed, but are {axis}, which looks like {count} of them between two "
+                f"ends. Write jnp.linspace({low}, {high}, {count}), or [{low}, {high}, {count}] for these three."
+            )
     axes = {name: np.asarray(axis, float) for name, axis in values.items()}
     for name, axis in axes.items():
         if axis.ndim != 1 or axis.size == 0 or not np.isfinite(axis).all():

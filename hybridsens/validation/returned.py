@@ -88,11 +88,19 @@ def must_have_shape(
     of_other_length = lambda found, wanted: isinstance(wanted, int) and found != wanted
     if len(shape) != len(expected) or any(map(of_other_length, shape, expected)):
         wanted = f"({', '.join(map(str, expected))}{',' if len(expected) == 1 else ''})"
-        remedy = ": put the number into an array by jnp.array([...])" if shape == () and len(expected) == 1 else ""
+        remedy = _remedy(*expected) if shape == () and len(expected) == 1 else ""
         raise ValueError(
             f"`{asked.name}` must return an array of shape {wanted}, but {asked.it}returns shape {shape}{remedy}.{why}"
         )
     return returned
+
+
+def _remedy(length: int | str) -> str:
+    """For a number in the place of a vector."""
+    several = isinstance(length, int) and length > 1
+    return f": repeat the number by jnp.full({length}, ...)" if several else (
+        ": put the number into an array by jnp.array([...])"
+    )  # fmt: skip
 
 
 def outcome(asked: Asked, *arguments) -> Any:

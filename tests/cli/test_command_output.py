@@ -190,6 +190,7 @@ class Own(hs.scenes.BouncingBall):
         ("'nothing'", "must return"),
         ("jnp.zeros(3)", "must return an array of shape (1,)"),
         ("None + 1", "(own.py, line 5, in force)"),
+        ("jnp.zeros(3) + v + jnp.zeros(2)", "Raised by `force`"),
         ("jnp.zeros(3) + jnp.zeros(2)", "(own.py, line 5, in force)"),
         ("jnp.reshape(v, (2,))", "(own.py, line 5, in force)"),
     ],

@@ -48,7 +48,7 @@ def test_times_of_a_guard_and_their_derivatives(guard):
     assert np.isinf(spikes(rates, 0, 4)).tolist() == [False, False, True, True]
 
 
-def test_times_of_a_contact():
+def test_times_of_a_contact(unchecked):
     """Its impacts, or events of another kind: a ball at t = sqrt(2 h / g), and once more after 2 e v / g."""
     ball = hs.scenes.BouncingBall()
     events = hs.simulate(ball, ball.initial_state(), t1=1.0).events
@@ -57,6 +57,8 @@ def test_times_of_a_contact():
     assert np.isinf(events.times_of(0, 2, hs.EventKind.RELEASE)).all()
     with pytest.raises(ValueError, match="`contact` must be from 0 to 0, but is 1"):
         events.times_of(1, 1)
+    with pytest.raises(TypeError, match="must be its number, .* is the name 'floor'"):
+        events.times_of("floor", 1)
 
 
 def test_what_cannot_be_asked_for_is_told():

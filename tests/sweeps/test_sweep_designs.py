@@ -94,6 +94,7 @@ def test_a_batch_keeps_every_leaf_of_its_scenes():
         (lambda scene: grid(scene, {"hight": [1.0]}), "must have one of the names .* Did you mean 'height'"),
         (lambda scene: grid(scene, {"wieght": [1.0]}), "must have one of the names .* Did you mean 'weight'"),
         (lambda scene: grid(scene, {"height": []}), "must be a list of finite numbers"),
+        (lambda scene: grid(scene, {"height": (0.5, 0.9, 10)}), r"Write jnp.linspace\(0.5, 0.9, 10\), or "),
         (lambda scene: grid(scene, {"height[0]": [1.0]}), "must be named without an index"),
         (lambda scene: grid({"mass": jnp.ones(2)}, {"mass": [1.0]}), "must be named one by one"),
         (lambda scene: grid({"mass": jnp.ones(2)}, {"mass[2]": [1.0]}), "must be named one by one"),
@@ -111,7 +112,7 @@ def test_a_batch_keeps_every_leaf_of_its_scenes():
         (lambda scene: batch({"a": jnp.ones(2), "seed": jax.random.split(jax.random.key(0))}), "numbers, but 'seed'"),
     ],
 )
-def test_a_bad_design_says_what_it_must_have(make, words):
+def test_a_bad_design_says_what_it_must_have(make, words, unchecked):
     """Assert that names, bounds and numbers that do not fit are refused at once."""
     with pytest.raises(ValueError, match=words):
         make(BouncingBall())
