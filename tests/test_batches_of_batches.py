@@ -42,7 +42,9 @@ def alone():
     return jnp.stack([jacobian(p) for p in LANES])
 
 
-@pytest.mark.parametrize("mapped", [end, jax.jacrev(end)], ids=["value", "gradient"])
+@pytest.mark.parametrize(
+    "mapped", [end, pytest.param(jax.jacrev(end), marks=pytest.mark.slow)], ids=["value", "gradient"]
+)
 def test_an_empty_batch_has_an_empty_result(mapped):
     """It was a division by zero."""
     alike = jax.eval_shape(mapped, LANES[0])

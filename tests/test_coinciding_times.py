@@ -106,6 +106,7 @@ def ticked(at):
     return hs.solve(Clock(at), 0.0, 0, t1=END).final
 
 
+@pytest.mark.slow
 def test_a_clock_may_tick_twice_in_one_instant():
     at = jnp.array([1.0, 3.0, jnp.nextafter(jnp.array(3.0), 4.0), 5.0])
     each = 5 * jnp.exp(-DECAY * (END - at))

@@ -41,6 +41,7 @@ def test_ball_after_one_bounce():
     assert_close(jacobian.before[0, 1, :3], [-0.99995000375, 0.0099995000375, -0.49997500187], WITHIN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "e, x, loss, by_e",
     [

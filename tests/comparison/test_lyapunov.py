@@ -55,6 +55,7 @@ def test_what_has_shrunk_to_rounding_has_no_exponent(t1, exponent):
     np.testing.assert_allclose(found.exponent, exponent, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_grows_is_printed_in_a_few_lines():
     found = str(hs.lyapunov(Saddle(), {"a": 1.0, "b": 2.0}, t1=1.0))
     assert found.startswith("exponent 1: a variation of the initial state grows 2.71828 times, at most")

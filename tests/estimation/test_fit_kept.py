@@ -17,6 +17,7 @@ ASKED = dict(parameters="slope", max_events=4, max_steps=64)
 GUESS = Sawtooth(1.2, 1.0)
 
 
+@pytest.mark.slow
 def test_stages_never_replace_a_better_point_that_was_kept(tmp_path):
     """Assert it of a fit that is stopped in a stage, whose best point is that of a part of the record, and of one whose
     stages leave it no time to come back; without a kept point the file holds what a stage has found."""

@@ -86,7 +86,7 @@ def test_the_values_that_a_motion_failed_by_are_shown(e, height, given, message)
     ("mass", "shown"),
     [
         ([[1.0, 0.5], [0.4, 1.0]], r"M\[0, 1\] is 0.5 and M\[1, 0\] is 0.4"),
-        ([[1.0, 2.0], [2.0, 1.0]], "its smallest eigenvalue is -1"),
+        pytest.param([[1.0, 2.0], [2.0, 1.0]], "its smallest eigenvalue is -1", marks=pytest.mark.slow),
     ],
 )
 def test_what_is_wrong_with_a_mass_matrix_is_shown(mass, shown):

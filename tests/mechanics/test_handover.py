@@ -66,6 +66,7 @@ def assert_stands(trajectory):
     assert (kinds == hs.EventKind.RELEASE).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [-0.31, -0.1, 0.05, 0.2])
 def test_a_load_that_crosses_a_diagonal_moves_nothing(height):
     """Feet are let go, if any, where the load comes to a diagonal, |x| / 0.5 = |y| / 0.4."""

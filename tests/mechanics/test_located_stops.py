@@ -92,6 +92,7 @@ def latched(v0, speed):
     return hs.simulate(Latched(speed), start, False, t1=2.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "drives"), [(0.0, [0, 0, 0]), (2.0, [1, 1, 2])], ids=["to a stop", "to 2"])
 def test_a_latch_that_stops_a_body_changes_what_is_compared(speed, drives):
     """Each of the others is driven by 1 before 1 / v0; the velocity is between two whole numbers then."""

@@ -65,6 +65,7 @@ def solved():
     return jax.jit(jax.value_and_grad(solve, argnums=(0, 1, 2), has_aux=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [0.1, 0.5, 1.0, 2.0, 3.0])
 @pytest.mark.parametrize("w", [3.0, 2.21])
 def test_a_sine_may_touch_a_whole_number(w, phase, solved):
