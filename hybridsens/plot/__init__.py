@@ -10,4 +10,5 @@ from .derivatives import plot_gradients as plot_gradients
 from .motion import plot_coordinates as plot_coordinates
 from .motion import plot_phase as plot_phase
 from .motion import plot_trajectory as plot_trajectory
+from .path import plot_path as plot_path
 from .solution import plot_solution as plot_solution

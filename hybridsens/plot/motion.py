@@ -152,14 +152,18 @@ def plot_phase(
 
     Arguments: the scene; its trajectory with samples; the coordinate, by its number or its name, with or without
     its unit; axes to draw in, or None for a new figure.
-    Returns: the figure. Raises: ValueError without samples, for a batch, or for a coordinate that there is not.
+    Returns: the figure. Raises: ValueError without samples, for a batch, or for a coordinate that there is not;
+    TypeError for axes that are none.
     """
     must_be_sampled(trajectory)
     names, rates = coordinate_names(scene, trajectory.final.q.shape[0])
-    number = _number(coordinate, names) if isinstance(coordinate, str) else operator.index(coordinate)
-    if not 0 <= number < len(names):
-        raise ValueError(f"`coordinate` must be one of 0 to {len(names) - 1}, but is {coordinate}.")
+    number = coordinate_number(coordinate, names)
     axes = new_figure((5.5, 5)).subplots() if axes is None else axes
+    if not isinstance(axes, Axes):
+        raise TypeError(
+            f"`axes` must be axes of Matplotlib, or None for a new figure, but is {axes!r}. One coordinate over "
+            "another is drawn by `plot_path`."
+        )
     _, q, v = with_events(trajectory)
     q, v = np.asarray(q[:, number]), np.asarray(v[:, number])
     axes.plot(q, v, color=COLOURS[0], linewidth=1.2)
@@ -184,9 +188,14 @@ def _draw_jumps(axes: Axes, trajectory: Trajectory, number: int) -> None:
             axes.plot(q, v, marker, color=COLOURS[1], markersize=4, linestyle="none", label=label)
 
 
-def _number(name: str, names: list[str]) -> int:
-    """The number of a coordinate, by its name with or without its unit."""
-    for known in (names, [split_unit(name)[0] for name in names]):
-        if name in known:
-            return known.index(name)
-    raise ValueError(f"`coordinate` must be one of {', '.join(names)}, but is {name}.")
+def coordinate_number(coordinate: SupportsIndex | str, names: list[str]) -> int:
+    """The number of a coordinate, by that or by its name, with or without its unit. Raises: ValueError for none."""
+    if isinstance(coordinate, str):
+        for known in (names, [split_unit(name)[0] for name in names]):
+            if coordinate in known:
+                return known.index(coordinate)
+        raise ValueError(f"`coordinate` must be one of {', '.join(names)}, but is {coordinate}.")
+    number = operator.index(coordinate)
+    if not 0 <= number < len(names):
+        raise ValueError(f"`coordinate` must be one of 0 to {len(names) - 1}, but is {coordinate}.")
+    return number

@@ -109,6 +109,24 @@ def test_coordinates_have_their_names_and_jumps(motion):
         hs.plot_phase(NamedBall(), motion, "width")
 
 
+def test_a_path_goes_over_two_coordinates_in_one_scale(unchecked):
+    """Assert start, end and impacts of a ball that flies to a wall, by names and by numbers; and what axes are not."""
+    room = hs.scenes.BallsInBox(2)
+    flight = hs.simulate(room, room.initial_state(), t1=1.0, ts=jnp.linspace(0.0, 1.0, 20))
+    axes = hs.plot_path(room, flight, "x1", "y1 [m]").axes[0]
+    path, *marked = (line.get_xydata() for line in axes.lines)
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_aspect()) == ("x1 [m]", "y1 [m]", 1.0)
+    q = np.asarray(flight.q[:, 2:])
+    np.testing.assert_allclose(path[[0, -1]], q[[0, -1]])
+    *impacts, start, end = marked
+    np.testing.assert_allclose([start[0], end[0]], q[[0, -1]])
+    assert sum(map(len, impacts)) == int(flight.events.count) >= 1
+    assert hs.plot_path(room, flight, 1, 0).axes[0].get_xlabel() == "y0 [m]"
+    for draw in (hs.plot_path, hs.plot_phase):
+        with pytest.raises(TypeError, match="`axes` must be axes of Matplotlib"):
+            draw(room, flight, 0, axes="y1 [m]")
+
+
 def test_an_animation_has_a_frame_for_each_of_its_times(motion, tmp_path):
     """Eleven frames for a second at ten a second; a page, too; and clear words where nothing can be drawn."""
     moving = hs.animate(NamedBall(), motion, frames_per_second=10, size=(2.0, 2.0))
