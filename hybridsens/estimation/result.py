@@ -177,8 +177,15 @@ class FitResult(eqx.Module):
         arrays = {name: (dims, np.asarray(values), *more) for name, (dims, values, *more) in variables.items()}
         return xarray.Dataset(arrays, coords, attributes)
 
+    def to_pandas(self):
+        """A pandas DataFrame of the parameters, by label: value, guess, standard error, and the ends of the 95 %
+        interval. Raises: ImportError without pandas."""
+        pandas = optional("pandas", "to_pandas()")
+        columns = {name: values for name, (dims, values, *_) in _parameters(self).items() if dims == "parameter"}
+        return pandas.DataFrame(columns, index=pandas.Index(self.labels, name="parameter"))
+
     def save(self, path: str | Path) -> None:
-        """Write that Dataset to a netCDF file (.nc), which `hybridsens.load` or xarray opens. The scene is not in it.
+        """Write the Dataset of `to_xarray()` to a netCDF file (.nc), which `hybridsens.load` or xarray opens. The scene is not in it.
 
         Raises: ImportError without xarray and netCDF4; ValueError for another ending."""
         write_netcdf(self.to_xarray(), path)

@@ -77,8 +77,7 @@ def write_netcdf(dataset: Any, path: str | Path) -> None:
     if path.suffix not in {".nc", ""}:
         raise ValueError(
             f"`path` must end in .nc, or have no ending, since `save` writes netCDF, but is {path.name}: name it "
-            "so. The tables of a motion are written by `motion.to_pandas().to_csv(path)` and "
-            "`motion.events.to_pandas().to_csv(path)`."
+            "so. Tables of a motion, of its events and of a fit are written by `.to_pandas().to_csv(path)`."
         )
     if path.is_dir() or not path.parent.is_dir():  # netCDF4 speaks of permissions
         what = "is a folder" if path.is_dir() else "is in a folder that does not exist"
