@@ -185,7 +185,8 @@ class FitResult(eqx.Module):
         return pandas.DataFrame(columns, index=pandas.Index(self.labels, name="parameter"))
 
     def save(self, path: str | Path) -> None:
-        """Write the Dataset of `to_xarray()` to a netCDF file (.nc), which `hybridsens.load` or xarray opens. The scene is not in it.
+        """Write the Dataset of `to_xarray()` to a netCDF file (.nc), which `hybridsens.load` or xarray opens. The scene
+        is not in it.
 
         Raises: ImportError without xarray and netCDF4; ValueError for another ending."""
         write_netcdf(self.to_xarray(), path)

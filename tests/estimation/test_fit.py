@@ -36,17 +36,6 @@ def test_what_is_printed_names_the_parameters_and_events(near):
     assert "5 (5 x impact 0)" in text
 
 
-def test_the_parameters_are_a_table(near):
-    """With values, guesses, errors and intervals by name; and a fit that is to be saved as text is told of it."""
-    pytest.importorskip("pandas")
-    table = near.to_pandas()
-    assert tuple(table.index) == near.labels and table.index.name == "parameter"
-    assert table["standard_error"].to_dict() == near.standard_errors
-    assert {name: (row.low, row.high) for name, row in table.iterrows()} == near.intervals()
-    with pytest.raises(ValueError, match=r"of a fit are written by `.to_pandas\(\).to_csv\(path\)`"):
-        near.save("fit.json")
-
-
 def test_what_is_printed_has_the_names_of_contacts(near):
     """Assert that events of a scene which names its contacts are told by these names."""
 

@@ -1,4 +1,4 @@
-"""The picture of a fit, and what the fitted motion shows between the measurements."""
+"""The picture and the table of a fit, and what the fitted motion shows between the measurements."""
 
 from types import SimpleNamespace
 
@@ -49,3 +49,14 @@ def test_what_a_fit_predicts_at_other_times(near):
     np.testing.assert_array_equal(near.predict(late), shown[0])
     with pytest.raises(ValueError, match="Times must lie within"):
         near.predict([near.horizon[1] + 1.0])
+
+
+def test_the_parameters_are_a_table(near):
+    """With values, guesses, errors and intervals by name; and a fit that is to be saved as text is told of it."""
+    pytest.importorskip("pandas")
+    table = near.to_pandas()
+    assert tuple(table.index) == near.labels and table.index.name == "parameter"
+    assert table["standard_error"].to_dict() == near.standard_errors
+    assert {name: (row.low, row.high) for name, row in table.iterrows()} == near.intervals()
+    with pytest.raises(ValueError, match=r"of a fit are written by `.to_pandas\(\).to_csv\(path\)`"):
+        near.save("fit.json")
