@@ -46,7 +46,9 @@ def _tell(tell: Callable[[bytes], Any], part: Any) -> None:
     elif isinstance(part, jax.core.Tracer):
         tell(str(part.aval).encode())
     elif isinstance(part, np.ndarray | np.generic | jax.Array):
-        values = np.asarray(part)
+        array: Any = part
+        is_key = jax.dtypes.issubdtype(array.dtype, jax.dtypes.prng_key)
+        values = np.asarray(jax.random.key_data(array) if is_key else array)
         tell(f"{values.dtype}{values.shape}".encode() + values.tobytes())
     elif part is None or isinstance(part, bool | int | float | complex | str):
         tell(repr(part).encode())

@@ -100,7 +100,7 @@ def test_the_same_functions_are_the_same_program(name):
 def test_programs_that_differ_in_a_number_a_parameter_or_an_array_differ():
     """Assert it of an exponent, of a number deep inside of a branch, of an array, of an operand's place and of a cast;
     and that functions that are made anew do not."""
-    table = np.arange(3.0)
+    table, keys = np.arange(3.0), jax.random.split(jax.random.key(0), 4)
 
     def functions(k):
         yield lambda x, y: x**k
@@ -108,8 +108,9 @@ def test_programs_that_differ_in_a_number_a_parameter_or_an_array_differ():
         yield lambda x, y: x * jnp.array([1.0, k])
         yield lambda x, y: (x - y) if k == 2 else (y - x)
         yield lambda x, y: (table * k)[1] + x
+        yield lambda x, y: x + jax.random.uniform(keys[k])
         yield lambda x, y: jax.nn.relu(x) * jax.vmap(lambda z: z + k)(jnp.ones(2))
 
     named = lambda k: [digest([traced(f, (jnp.array(1.0), jnp.array(2.0)))]) for f in functions(k)]
     one, other = named(2), named(3)
-    assert named(2) == one and len({*one, *other}) == 12
+    assert named(2) == one and len({*one, *other}) == 14
