@@ -10,6 +10,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.core
+import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
@@ -47,7 +48,7 @@ def _tell(tell: Callable[[bytes], Any], part: Any) -> None:
         tell(str(part.aval).encode())
     elif isinstance(part, np.ndarray | np.generic | jax.Array):
         array: Any = part
-        is_key = jax.dtypes.issubdtype(array.dtype, jax.dtypes.prng_key)
+        is_key = jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
         values = np.asarray(jax.random.key_data(array) if is_key else array)
         tell(f"{values.dtype}{values.shape}".encode() + values.tobytes())
     elif part is None or isinstance(part, bool | int | float | complex | str):
