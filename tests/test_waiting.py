@@ -175,3 +175,12 @@ def test_a_fit_says_that_it_compiles_until_its_first_line(monkeypatch, capfd):
     fit(hs.scenes.BouncingBall(height=1.1), fallen, parameters="height", max_events=4, max_steps=64, progress=True)
     assert "compiling ... " in terminal.getvalue()
     assert "loss" in capfd.readouterr().out
+
+
+def test_the_bar_of_a_million_points_fits_a_terminal(capsys, monkeypatch):
+    """Assert that 80 characters cut nothing off."""
+    monkeypatch.setenv("COLUMNS", "80")
+    with progress_bar(2_000_000, 0, True) as advance:
+        advance(999_999)
+    shown = capsys.readouterr().out.splitlines()[-1]
+    assert len(shown) <= 80 and "…" not in shown and "999999/2000000" in shown.replace(",", "")

@@ -32,9 +32,9 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
             yield lambda done: tell(told(done))
         return
     columns = (
-        TextColumn("sweep"), BarColumn(), MofNCompleteColumn(), TextColumn("points, {task.fields[rate]}"),
+        TextColumn("sweep"), BarColumn(bar_width=10), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
         TimeElapsedColumn(), TextColumn("elapsed,"), TimeRemainingColumn(), TextColumn("left"),
-    )  # fmt: skip
+    )  # fmt: skip  # in 80 characters, also with a million points
     # The estimate looks back as far as it can: chunks take long, and a sweep's rate changes over its points.
     bar = Progress(*columns, speed_estimate_period=3600)
     # In a file the bar stands at the end alone.
@@ -49,7 +49,7 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
             made, elapsed = shown.completed - present, shown.elapsed or 0.0
             before, since = compiled[0] if compiled else (0.0, 0.0)
             rate = (made - before) / (elapsed - since) if elapsed > since else 0.0
-            bar.update(task, rate=f"{rate:,.0f}/s" + ("" if compiled else " with compilation"))
+            bar.update(task, rate=f"{rate:,.0f}/s" + ("" if compiled else ", compiling"))
             compiled.append((made, elapsed))
             if tell is not None:
                 tell(told(done))
