@@ -47,9 +47,9 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
             bar.advance(task, done)
             shown = bar.tasks[0]
             made, elapsed = shown.completed - present, shown.elapsed or 0.0
-            before, since = compiled[0] if compiled else (0.0, 0.0)
-            rate = (made - before) / (elapsed - since) if elapsed > since else 0.0
-            bar.update(task, rate=f"{rate:,.0f}/s" + ("" if compiled else ", compiling"))
+            before, since = compiled[0] if compiled else (0.0, elapsed)
+            rate = f"{(made - before) / (elapsed - since):,.0f}/s" if elapsed > since else "compiled"
+            bar.update(task, rate=rate)
             compiled.append((made, elapsed))
             if tell is not None:
                 tell(told(done))
