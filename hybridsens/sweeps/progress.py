@@ -33,7 +33,7 @@ def progress_bar(points: int, present: int, shown: bool) -> Iterator[Callable[[i
         return
     columns = (
         TextColumn("sweep"), BarColumn(bar_width=10), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
-        TimeElapsedColumn(), TextColumn("and"), TimeRemainingColumn(), TextColumn("left"),
+        TimeElapsedColumn(), TextColumn("elapsed,"), TimeRemainingColumn(), TextColumn("left"),
     )  # fmt: skip  # in 80 characters, also with a million points
     # The estimate looks back as far as it can: chunks take long, and a sweep's rate changes over its points.
     bar = Progress(*columns, speed_estimate_period=3600)
