@@ -84,8 +84,9 @@ def _joined(geometry: ContactGeometry, triggered, meeting, active) -> Bool[Array
         least = closeness(rates.dtype) * jnp.sqrt(diagonal * jnp.max(jnp.where(reached, diagonal, 0)))
         return reached | (meeting & (jnp.maximum(jnp.abs(rates), jnp.abs(with_held)) > least))
 
-    grows = lambda now: jnp.any(now[1] & ~now[0])
-    return lax.while_loop(grows, lambda now: (now[1], grown(now[1])), (triggered, grown(triggered)))[1]
+    # Nothing is asked where no other contact meets: most impacts are alone.
+    goes_on = lambda now: jnp.any(now[1] & ~now[0]) & jnp.any(meeting & ~now[1])
+    return lax.while_loop(goes_on, lambda now: (now[1], grown(now[1])), (jnp.zeros_like(triggered), triggered))[1]
 
 
 def acted_on_nearby(geometry: ContactGeometry, triggered: Bool[Array, "contact"]) -> Bool[Array, "contact"]:
