@@ -6,6 +6,7 @@ from typing import Any
 
 import jax.core
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -35,6 +36,18 @@ def new_figure(size: tuple[float | int, float | int]) -> Figure:
     if pyplot is None or "inline" in backend or backend == "agg":
         return Picture(figsize=size, layout="constrained")
     return pyplot.figure(figsize=size, layout="constrained")
+
+
+def one_panel(axes: Any) -> Axes:
+    """The axes that are given, or those of a new figure. Raises: TypeError for what is neither axes nor None."""
+    if axes is None:
+        return new_figure((5.5, 5)).subplots()
+    if not isinstance(axes, Axes):
+        raise TypeError(
+            f"`axes` must be axes of Matplotlib, or None for a new figure, but is {axes!r}. One coordinate over "
+            "another is drawn by `plot_path`."
+        )
+    return axes
 
 
 def line(number: int) -> dict[str, Any]:

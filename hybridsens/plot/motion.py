@@ -15,7 +15,7 @@ from ..mechanics.contact import Instant, gap_and_rate
 from ..mechanics.mode import EventKind
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
-from .figure import COLOURS, legend_above, line, must_be_sampled, new_figure
+from .figure import COLOURS, legend_above, line, must_be_sampled, new_figure, one_panel
 from .held import closed_contacts
 
 MOST = 16
@@ -158,12 +158,7 @@ def plot_phase(
     must_be_sampled(trajectory)
     names, rates = coordinate_names(scene, trajectory.final.q.shape[0])
     number = coordinate_number(coordinate, names)
-    axes = new_figure((5.5, 5)).subplots() if axes is None else axes
-    if not isinstance(axes, Axes):
-        raise TypeError(
-            f"`axes` must be axes of Matplotlib, or None for a new figure, but is {axes!r}. One coordinate over "
-            "another is drawn by `plot_path`."
-        )
+    axes = one_panel(axes)
     _, q, v = with_events(trajectory)
     q, v = np.asarray(q[:, number]), np.asarray(v[:, number])
     axes.plot(q, v, color=COLOURS[0], linewidth=1.2)

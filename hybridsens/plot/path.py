@@ -10,7 +10,7 @@ from ..export.names import coordinate_names, split_unit
 from ..mechanics.mode import EventKind
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
-from .figure import COLOURS, legend_above, must_be_sampled, new_figure
+from .figure import COLOURS, legend_above, must_be_sampled, one_panel
 from .motion import coordinate_number, with_events
 
 
@@ -32,9 +32,7 @@ def plot_path(
     must_be_sampled(trajectory)
     names, _ = coordinate_names(scene, trajectory.final.q.shape[0])
     across, up = (coordinate_number(coordinate, names) for coordinate in (x, y))
-    axes = new_figure((5.5, 5)).subplots() if axes is None else axes
-    if not isinstance(axes, Axes):
-        raise TypeError(f"`axes` must be axes of Matplotlib, or None for a new figure, but is {axes!r}.")
+    axes = one_panel(axes)
     _, q, _ = with_events(trajectory)
     struck = np.isin(np.asarray(trajectory.events.kind), (EventKind.IMPACT, EventKind.CAPTURE))
     at = np.asarray(trajectory.events.before.q)[struck]
