@@ -165,19 +165,19 @@ def _worst_of_batch(size, batched, codes):
 def _one_or_raise(code):
     """1, by a branch that raises if it is not to be: nothing that hangs on it is computed before."""
     one = jnp.ones((), jnp.int32)
-    return lax.cond(code == Status.successful.code, lambda: one, lambda: _call_host(_raise, jax.typeof(one), code))
+    return lax.cond(code == Status.successful.code, lambda: one, lambda: _raise_from_program(code))
 
 
 def _times(leaf, one):
     return leaf & (one == 1) if leaf.dtype == bool else leaf * one.astype(leaf.dtype)
 
 
-def _call_host(function: Callable, result, code):
-    """A call of Python from a compiled program. On a CPU by that of JAX's ways that does not log what is raised."""
-    shape = jax.ShapeDtypeStruct(result.shape, result.dtype)
+def _raise_from_program(code):
+    """Raise where a compiled program runs. On a CPU by that of JAX's ways that does not log what is raised."""
+    one = jax.ShapeDtypeStruct((), jnp.int32)
     if jax.default_backend() == "cpu":
-        return buffer_callback(lambda _, out, code: function(np.asarray(code)), shape)(code)
-    return jax.pure_callback(function, shape, code)
+        return buffer_callback(lambda _, out, code: _raise(np.asarray(code)), one)(code)
+    return jax.pure_callback(_raise, one, code)
 
 
 def _raise(code):
