@@ -95,15 +95,12 @@ def chosen_settings(
     known = [name for name in Settings.__annotations__ if name not in varied]
     unknown = [name for name in given if name not in known]
     if unknown:
+        and_arguments = f"; its own arguments are {', '.join(arguments)}" if arguments else ""
         raise TypeError(
-            f"`{study}` must have settings among {', '.join(known)}{_and_arguments(arguments)}, but has "
+            f"`{study}` must have settings among {', '.join(known)}{and_arguments}, but has "
             f"{', '.join(unknown)}.{did_you_mean(unknown, [*known, *arguments])}"
         )
     return {**own, **given}
-
-
-def _and_arguments(arguments: Iterable[str]) -> str:
-    return f"; its own arguments are {', '.join(arguments)}" if arguments else ""
 
 
 def given_numbers(rtol, atol, max_step, capture_speed, dtype, arguments) -> tuple[Any, Any, Any, Any]:
@@ -161,14 +158,10 @@ def segment_room(adjoint: AbstractGradientMethod, ts) -> int | None:
     return adjoint.segment_room
 
 
-def _serves(solver) -> bool:
-    """Whether a solver has an error estimate, and takes the flow as one term: others split it into parts."""
-    return isinstance(solver, diffrax.AbstractAdaptiveSolver) and solver.term_structure is diffrax.AbstractTerm
-
-
 def check_solver(name: str, solver: Any) -> None:
-    """Raise TypeError for what does not solve the flow with an error estimate."""
-    if not _serves(solver):
+    """Raise TypeError for what has no error estimate, or splits the flow into several terms."""
+    adaptive = isinstance(solver, diffrax.AbstractAdaptiveSolver)
+    if not adaptive or solver.term_structure is not diffrax.AbstractTerm:
         raise TypeError(
             f"`{name}` must be a Diffrax solver of ordinary differential equations with an error estimate, such as "
             f"diffrax.Tsit5(), Dopri8() or Kvaerno5(), which takes the flow as one term, but is {kind_of(solver)}."
