@@ -3,6 +3,7 @@
 A parameter is a leaf with a floating point type. Every study names them by the rule of this file.
 """
 
+import operator
 import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
@@ -136,10 +137,8 @@ def check_names(scene: Any, names) -> None:
                 f"{name!r}.{declare or did_you_mean(leaf, known)}"
             )
         shape = known[leaf].shape
-        inside = (
-            index is not None and len(index) == len(shape) and all(i < n for i, n in zip(index, shape, strict=True))
-        )
-        if not inside and (index is not None or shape != ()):
+        is_scalar = shape == () if index is None else len(index) == len(shape) and all(map(operator.lt, index, shape))
+        if not is_scalar:
             raise ValueError(
                 f"{leaf!r} has shape {shape}, so its entries must be named one by one, such as "
                 f"'{leaf}[{', '.join('0' for _ in shape)}]', but the name is {name!r}."
