@@ -20,12 +20,10 @@ def value_and_gradient(
 ) -> Callable[[Any], tuple[Any, Any, Any]]:
     """vector -> (value, gradient, auxiliary output), compiled; `function` returns (value, auxiliary output). `options`
     are those of the compiler."""
-    if mode == "reverse":
-        way = lambda vector: _reorder(*jax.value_and_grad(function, has_aux=True)(vector))
-        return jax.jit(way, compiler_options=options)
-    if mode == "forward":
-        return jax.jit(lambda vector: _forward(function, vector), compiler_options=options)
-    return central_differences(jax.jit(function), succeeded)
+    if mode == "differences":
+        return central_differences(jax.jit(function), succeeded)
+    way = _reverse if mode == "reverse" else _forward
+    return jax.jit(lambda vector: way(function, vector), compiler_options=options)
 
 
 def central_differences(function: Callable, succeeded: Callable[[Any], bool]) -> Callable[[Any], tuple[Any, Any, Any]]:
@@ -58,8 +56,8 @@ def central_differences(function: Callable, succeeded: Callable[[Any], bool]) ->
     return evaluate
 
 
-def _reorder(value_and_aux, gradient):
-    value, aux = value_and_aux
+def _reverse(function, vector):
+    (value, aux), gradient = jax.value_and_grad(function, has_aux=True)(vector)
     return value, gradient, aux
 
 
