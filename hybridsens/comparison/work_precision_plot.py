@@ -5,6 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..plot.figure import new_figure
+from .compare_table import LEAST_ERROR
 from .work_precision_points import Point, WorkPrecision
 
 MARKS = "osD^vP*X<>"
@@ -24,7 +25,7 @@ def plot_work_precision(study: WorkPrecision) -> Figure:
     for panel, error, title in zip(axes, ("value_error", "gradient_error"), ("J", "its gradient"), strict=True):
         front = study.pareto(error)
         panel.loglog(
-            [1e3 * point.seconds for point in front], [_drawn(getattr(point, error)) for point in front],
+            *_places(front, error),
             color="0.85", linewidth=9, solid_capstyle="round", label="Pareto front",
         )  # fmt: skip
         _lines(panel, study, error)
@@ -68,11 +69,12 @@ def _lines(axes: Axes, study: WorkPrecision, error: str) -> None:
     for (solver, method, dtype), points in groups.items():
         label = ", ".join([solver, *([method] if len(methods) > 1 else []), *([dtype] if len(dtypes) > 1 else [])])
         axes.plot(
-            [1e3 * point.seconds for point in points], [_drawn(getattr(point, error)) for point in points],
+            *_places(points, error),
             marker=MARKS[solvers.index(solver) % len(MARKS)], linestyle=DASHES[methods.index(method) % len(DASHES)],
             color=SHADES[dtype == "float32"], linewidth=1, markersize=5, label=label,
         )  # fmt: skip
 
 
-def _drawn(error: float) -> float:
-    return max(error, 1e-16)  # zero has no place on a logarithmic axis
+def _places(points: list[Point], error: str) -> tuple[list[float], list[float]]:
+    """Times [ms] and errors; zero has no place on a logarithmic axis."""
+    return [1e3 * point.seconds for point in points], [max(getattr(point, error), LEAST_ERROR) for point in points]
