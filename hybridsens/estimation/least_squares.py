@@ -1,6 +1,5 @@
 """Gauss-Newton and Levenberg-Marquardt steps (Optimistix), with the Jacobian from forward sensitivities."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -50,7 +49,7 @@ class _CautiousTrustRegion(optimistix.ClassicalTrustRegion):
         return size, accept, result, _DampingState(size, ~accept)
 
 
-class LevenbergMarquardt(optimistix.AbstractGaussNewton):
+class LevenbergMarquardt(optimistix.LevenbergMarquardt):
     """Levenberg-Marquardt that lowers its damping after every good step, but not after the first one that follows a
     rejection, and whose steps follow a geodesic; see `acceleration.py`.
 
@@ -58,39 +57,19 @@ class LevenbergMarquardt(optimistix.AbstractGaussNewton):
     a motion with impacts hardly ever reaches: it then takes several times as many iterations.
     """
 
-    rtol: float
-    atol: float
-    norm: Callable[..., Any]
-    descent: optimistix.DampedNewtonDescent
-    search: _CautiousTrustRegion
-    verbose: Callable[..., None]
-
     def __init__(self, rtol: float = 1e-6, atol: float = 1e-6):
-        self.rtol, self.atol, self.norm = rtol, atol, optimistix.max_norm
-        self.descent = optimistix.DampedNewtonDescent()
+        super().__init__(rtol, atol)
         self.search = _CautiousTrustRegion(high_cutoff=0.25, low_cutoff=0.01, high_constant=10.0, low_constant=0.2)
-        self.verbose = _silent
 
 
-class GaussNewton(optimistix.AbstractGaussNewton):
+class GaussNewton(optimistix.GaussNewton):
     """Gauss-Newton with a backtracking line search, so that a step that fails or goes uphill is shortened."""
 
-    rtol: float
-    atol: float
-    norm: Callable[..., Any]
-    descent: optimistix.NewtonDescent
     search: optimistix.BacktrackingArmijo
-    verbose: Callable[..., None]
 
     def __init__(self, rtol: float = 1e-6, atol: float = 1e-6):
-        self.rtol, self.atol, self.norm = rtol, atol, optimistix.max_norm
-        self.descent = optimistix.NewtonDescent()
+        super().__init__(rtol, atol)
         self.search = optimistix.BacktrackingArmijo(decrease_factor=0.3)
-        self.verbose = _silent
-
-
-def _silent(**quantities: Any) -> None:
-    del quantities
 
 
 class Carry(NamedTuple):
