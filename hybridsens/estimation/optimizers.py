@@ -45,17 +45,19 @@ class Method(eqx.Module):
         return self.least_squares or least_squares.is_near_minimum(problem, z)
 
 
+_MADE_BY = {
+    "levenberg-marquardt": least_squares.LevenbergMarquardt,
+    "gauss-newton": least_squares.GaussNewton,
+    "lbfgs": optax.lbfgs,
+    "adam": lambda: optax.adam(0.02),
+}
+NAMES = tuple(_MADE_BY)
+
+
 @functools.cache
 def _by_name(name: str) -> Any:
     """Cached, so that a second fit finds its compiled steps again."""
-    if name == "levenberg-marquardt":
-        return least_squares.LevenbergMarquardt()
-    if name == "gauss-newton":
-        return least_squares.GaussNewton()
-    return {"adam": lambda: optax.adam(0.02), "lbfgs": optax.lbfgs}[name]()
-
-
-NAMES = ("levenberg-marquardt", "gauss-newton", "lbfgs", "adam")
+    return _MADE_BY[name]()
 
 
 def chosen_method(optimizer: Any) -> Method:
