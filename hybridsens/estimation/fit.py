@@ -108,12 +108,14 @@ def fit(
     check_robust(robust, measured)
     check_strategy(strategy)
     starts = chosen_starts(starts)
-    chosen = chosen_settings("fit", settings, prepare.SETTINGS, arguments=_own_arguments())
+    own = [name for name in inspect.signature(fit).parameters if name != "settings"]
+    chosen = chosen_settings("fit", settings, prepare.SETTINGS, arguments=own)
     experiment = prepare.Experiment(state, mode, observe, t0, t1, chosen)
     unknowns = prepare.Unknowns(parameters, bounds, priors)
     problem = prepare.build_problem(scene, measured, unknowns, experiment, robust)
     keeper = None if store is None else Store(Path(store), problem.selection, study_digest(problem, measured))
     kept = None if keeper is None else keeper.read()
+    starts_before = 1 if kept is None else kept.starts
     plain = chosen_method(optimizer)
     method = Growing(plain, strategy) if strategy is not None else plain
     with ExitStack() as until_first_line:
@@ -121,12 +123,12 @@ def fit(
         until_first_line.enter_context(waiting(what, progress is not False))
         listener = _listener(progress, until_first_line.close)
         problem = with_sizes(method, problem, measured)
-        keeper = keeper and keeper._replace(selection=problem.selection, starts=1 if kept is None else kept.starts)
+        keeper = keeper and keeper._replace(selection=problem.selection, starts=starts_before)
         callbacks = Callbacks(listener, keeper, BatchSize() if listener is None else BatchSize(1))
         guess = problem.selection.from_values(problem.selection.values(problem.scene))
         way = Way(method, problem, Limits(max_iterations, patience), callbacks)
         z = guess if kept is None else problem.selection.from_values(kept.values)
-        if starts.count > (1 if kept is None else kept.starts):
+        if starts.count > starts_before:
             tell = _start_teller(progress, starts.count, until_first_line.close)
             (descents, several), method = from_many_starts(way, z, starts, tell), plain
         else:
@@ -144,10 +146,6 @@ def _must_not_be_of_data(settings: Mapping[str, Any]) -> None:
             f"fit(scene, read_measurements(table, {of_data[0]}=...)), for arrays measurements(times, values, "
             f"{of_data[0]}=...)."
         )
-
-
-def _own_arguments() -> tuple[str, ...]:
-    return tuple(name for name in inspect.signature(fit).parameters if name != "settings")
 
 
 def _listener(
