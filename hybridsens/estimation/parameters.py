@@ -111,6 +111,8 @@ def select(scene, parameters: str | Sequence[str] | None, bounds: Bounds | None 
     if values:
         raise TypeError(f"`parameters` must be names, such as {next(iter(known), 'name')!r}, but has {values[0]!r}.")
     names, bounds = with_parts(names, known), by_entry("bounds", bounds)
+    if not names:
+        raise ValueError(f"`parameters` must have each name once and at least one, but has {names}.")
     arrays = [name if name in known else _of_entry(scene, name, known) for name in names]
     _check_names("`parameters`", arrays, list(known))
     leaves = jax.tree.leaves(scene)
@@ -136,8 +138,6 @@ def _check_names(what: str, names: list[str], known: list[str]) -> None:
         if len(several) > 1 and set(several) <= set(known):
             meant = f" Give a list: {several}."
         raise ValueError(f"{what} must have names among {known}, but has {unknown}.{meant}")
-    if not names and what == "`parameters`":
-        raise ValueError(f"{what} must have each name once and at least one, but has {names}.")
 
 
 def _check_once(labels: list[str]) -> None:
