@@ -77,24 +77,22 @@ def events_frame(events: Any, scene: Any):
         return of_each_run(events, events.count, lambda one: events_frame(one, scene))
     must_be_known(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
-    n = int(events.count)
-    contact = np.asarray(events.contact[:n])
-    names = contact_names(scene, events.impulse.shape[1])
-    kind, switched = np.asarray(events.kind[:n]), np.asarray(events.kind[:n]) == KINDS.split().index("switch")
-    of_contact = np.where(switched, 0, contact)
-    impulses = np.asarray(events.impulse[:n])
-    impulse = impulses[np.arange(n), of_contact] if impulses.shape[1] else 0.0
+    rows, n = happened(events), int(events.count)
+    contacts = contact_names(scene, rows.impulse.shape[1])
+    switched = rows.kind == KINDS.split().index("switch")
+    impulse = rows.impulse[np.arange(n), np.where(switched, 0, rows.contact)] if contacts else 0.0
+    names = [str(i) if s else contacts[i] for i, s in zip(rows.contact, switched, strict=True)]
     columns: dict[str, Any] = {
-        "time [s]": np.asarray(events.time[:n]),
-        "kind": np.array(KINDS.split())[kind] if n else np.array([], str),
-        "contact": np.array([str(i) if s else names[i] for i, s in zip(contact, switched, strict=True)], str),
-        "closing speed" + unit_of_contact(scene, "m/s"): np.asarray(events.closing_speed[:n]),
+        "time [s]": rows.time,
+        "kind": np.array(KINDS.split())[rows.kind],
+        "contact": np.array(names, str),
+        "closing speed" + unit_of_contact(scene, "m/s"): rows.closing_speed,
         "impulse" + unit_of_contact(scene, "N s"): np.where(switched, 0.0, impulse),
     }
-    q_names, v_names = coordinate_names(scene, events.before.q.shape[1])
-    sides = ((q_names, events.before.q, ""), (v_names, events.before.v, " before"), (v_names, events.after.v, " after"))
+    q_names, v_names = coordinate_names(scene, rows.before.q.shape[1])
+    sides = ((q_names, rows.before.q, ""), (v_names, rows.before.v, " before"), (v_names, rows.after.v, " after"))
     for labels, values, side in sides:  # the place is the same on both sides
         must_differ([*columns, *(label + side for label in labels)], "Columns of a table of events", "`coordinates`")
-        columns |= {label + side: np.asarray(values[:n, i]) for i, label in enumerate(labels)}
-    columns["order matters"] = np.asarray(events.order_matters[:n])
+        columns |= {label + side: values[:, i] for i, label in enumerate(labels)}
+    columns["order matters"] = rows.order_matters
     return pandas.DataFrame(columns, pandas.RangeIndex(n, name="event"))
