@@ -5,13 +5,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ...mechanics.events import Events
 from ...mechanics.mode import default_capture_speed
 from ...mechanics.scene import AbstractScene, State
 from ...mechanics.system import MechanicalSystem
+from ...numerics.shapes import Shapes
 
 
 class BaselineMotion(eqx.Module):
@@ -43,8 +43,5 @@ class BaselineMotion(eqx.Module):
 def flat_problem(scene: AbstractScene, state: State, t0, running_cost):
     """The scene as a hybrid system, its flat initial state (q, v, 0), and the function that gives z its structure."""
     system = MechanicalSystem(scene, running_cost, default_capture_speed(state.q.dtype), state.q.shape[0])
-    z, structured = jnp.zeros(0, state.q.dtype), lambda z: None
-    if running_cost is not None:
-        shapes = jax.eval_shape(lambda: running_cost(scene, jnp.asarray(t0, state.q.dtype), state.q, state.v))
-        z, structured = ravel_pytree(jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, state.q.dtype), shapes))
-    return system, jnp.concatenate([state.q, state.v, z]), structured
+    cost = Shapes.of(jax.eval_shape(lambda: system.cost_rate(jnp.asarray(t0, state.q.dtype), state.q, state.v)))
+    return system, jnp.concatenate([state.q, state.v, jnp.zeros(cost.size, state.q.dtype)]), cost.restore

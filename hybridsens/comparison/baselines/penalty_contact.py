@@ -72,7 +72,7 @@ def penalty_contact(
 
     def field(t, x, system):
         q, v, _ = system.split(x)
-        integrands = [] if cost is None else [jnp.ravel(leaf) for leaf in jax.tree.leaves(cost(None, t, q, v))]
+        integrands = [jnp.ravel(leaf) for leaf in jax.tree.leaves(system.cost_rate(t, q, v))]
         return jnp.concatenate([v, free_acceleration(system.scene, t, q, v), *integrands])
 
     saveat = diffrax.SaveAt(t1=True) if ts is None else diffrax.SaveAt(t1=True, ts=ts)
