@@ -1,6 +1,6 @@
 """Gradient methods side by side on one scene: what each gives, and what each costs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Unpack
 
 import diffrax
@@ -147,11 +147,8 @@ def _measure(method: GradientMethod, parameters: FlatParameters, cost: Cost, ref
     forward = jax.jit(lambda vector: function(vector)[0])
     gradient = value_and_gradient(function, method.mode, all_reached_end)
     vector = parameters.vector
-    (value, slopes, reported), compile_gradient = first_call(lambda: gradient(vector))
-    raise_unless_reached_end(reported)
+    (value, slopes), compile_gradient = first_gradient(lambda: gradient(vector))
     _, compile_forward = first_call(lambda: forward(vector))
-    value, slopes = float(value), np.asarray(slopes, float)
-    must_be_finite(value, slopes)
     memory = planned_memory(forward if method.mode == "differences" else gradient, vector)
     return Row(
         method.name, value, slopes, relative_error(value, reference.value), relative_error(slopes, reference.gradient),
@@ -160,10 +157,17 @@ def _measure(method: GradientMethod, parameters: FlatParameters, cost: Cost, ref
     )  # fmt: skip
 
 
-def must_be_finite(value: float, gradient: np.ndarray) -> None:
-    """Raises: FloatingPointError for what has no error that could be told."""
+def first_gradient(call: Callable) -> tuple[tuple[float, np.ndarray], float]:
+    """Value and gradient by the first call of a program, and how long it took [s].
+
+    Raises: SimulationError for a motion that is not whole; FloatingPointError for what has no error that could be
+    told."""
+    (value, gradient, reported), seconds = first_call(call)
+    raise_unless_reached_end(reported)
+    value, gradient = float(value), np.asarray(gradient, float)
     if not (np.isfinite(value) and np.all(np.isfinite(gradient))):
         raise FloatingPointError(f"not finite: value {value:g}, gradient {gradient}")
+    return (value, gradient), seconds
 
 
 def relative_errors(found, known) -> np.ndarray:

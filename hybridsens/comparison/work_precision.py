@@ -1,7 +1,7 @@
 """Accuracy against time: error of J and of its gradient over solvers, tolerances, precisions and gradient methods."""
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -9,17 +9,16 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from ..adjoint.methods import AbstractGradientMethod, ContinuousCostate, ForwardSensitivities, Replay
 from ..parameters import flatten_parameters
 from ..settings import Settings, check_solver, chosen_settings, finest_tolerance
 from ..validation.arguments import real_tolerance
 from ..waiting import counted
-from .compare import Reference, must_be_finite, relative_error, tight_reference
-from .functional import Cost, choose_cost, raise_unless_reached_end
+from .compare import Reference, first_gradient, relative_error, tight_reference
+from .functional import Cost, choose_cost
 from .gradient_methods import gradient_at_tolerances, name_with_settings
-from .timing import first_call, reason, seconds_per_call
+from .timing import reason, seconds_per_call
 from .work_precision_points import Point as Point
 from .work_precision_points import WorkPrecision as WorkPrecision
 from .work_precision_points import check_place, read_points, write_points
@@ -94,12 +93,12 @@ def work_precision(
     combinations = itertools.product(dtypes, solvers, methods)
     lines = _missing([Line(*combined, _met(tolerances, combined[0])) for combined in combinations], points)
     beyond = tuple(dtype for dtype in dtypes if _met(tolerances, dtype) != tolerances)
-    measure = lambda line: measure_line(scene, cost, line, reference, chosen)
     try:
-        for point in _with_progress(lines, measure, progress):
-            points.append(point)
-            if path is not None:
-                write_points(path, points, reference, chosen)
+        for line in counted(lines, lambda line: ", ".join(line.label), progress):
+            for point in measure_line(scene, cost, line, reference, chosen):
+                points.append(point)
+                if path is not None:
+                    write_points(path, points, reference, chosen)
     except KeyboardInterrupt:
         return WorkPrecision(tuple(points), True, beyond, reference)
     return WorkPrecision(tuple(points), False, beyond, reference)
@@ -123,11 +122,6 @@ def _missing(lines: list[Line], points: Sequence[Point]) -> list[Line]:
     return [line._replace(tolerances=still(line)) for line in lines if still(line)]
 
 
-def _with_progress(lines: list[Line], measure: Callable[[Line], Iterator[Point]], shown: bool) -> Iterator[Point]:
-    for line in counted(lines, lambda line: ", ".join(line.label), shown):
-        yield from measure(line)
-
-
 def measure_line(scene, cost: Cost, line: Line, reference: Reference, settings) -> Iterator[Point]:
     """Points of one solver, method and dtype: one program for all tolerances. A failure stands in its point."""
     with jax.enable_x64(line.dtype == "float64"):  # what a scene makes out of nothing must have this type too
@@ -143,10 +137,7 @@ def measure_line(scene, cost: Cost, line: Line, reference: Reference, settings) 
 
 
 def _measure(call, reference: Reference):
-    (value, slopes, reported), seconds = first_call(call)
-    raise_unless_reached_end(reported)
-    value, slopes = float(value), np.asarray(slopes, float)
-    must_be_finite(value, slopes)
+    (value, slopes), seconds = first_gradient(call)
     value_error = relative_error(value, reference.value)
     gradient_error = relative_error(slopes, reference.gradient)
     return value_error, gradient_error, seconds_per_call(call), seconds
