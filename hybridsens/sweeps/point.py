@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..mechanics.events import Events
 from ..mechanics.mode import EventKind
 from ..mechanics.trajectory import Trajectory
 from ..parameters import parameters, replace
@@ -100,32 +101,26 @@ def _samples(motion: Trajectory | Solution) -> dict[str, Any]:
 
 
 def _event_summary(motion: Trajectory | Solution, kept: int) -> dict[str, Any]:
-    if isinstance(motion, Trajectory):
-        return _of_contacts(motion, kept)
     events = motion.events
     happened = jnp.arange(events.time.shape[0]) < events.count
-    return _counted(motion, kept, jnp.zeros_like(events.guard), events.guard, happened) | {
-        "event_guard": events.guard[:kept].astype(jnp.int32),
-    }
-
-
-def _counted(motion, kept: int, kind, place, happened) -> dict[str, Any]:
-    """What is told of events of either sort."""
-    return {
-        "event_count": motion.events.count.astype(jnp.int32),
+    if isinstance(events, Events):
+        kind, place, own = events.kind, events.contact, _of_contacts(events, happened, kept)
+    else:
+        kind, place = jnp.zeros_like(events.guard), events.guard
+        own = {"event_guard": events.guard[:kept].astype(jnp.int32)}
+    return own | {
+        "event_count": events.count.astype(jnp.int32),
         "event_sequence": _sequence(kind, place, happened),
         "steps": (motion.steps.accepted + motion.steps.rejected).astype(jnp.int32),
-        "event_time": jnp.where(happened, motion.events.time, jnp.nan)[:kept],
+        "event_time": jnp.where(happened, events.time, jnp.nan)[:kept],
     }
 
 
-def _of_contacts(trajectory: Trajectory, kept: int) -> dict[str, Any]:
-    events = trajectory.events
-    happened = jnp.arange(events.time.shape[0]) < events.count
+def _of_contacts(events: Events, happened, kept: int) -> dict[str, Any]:
     strikes = (events.kind == EventKind.IMPACT) | (events.kind == EventKind.CAPTURE)
     struck = happened & strikes & ~_dies_away(events, happened)
     margin = jnp.min(jnp.where(struck, events.closing_speed, jnp.inf), initial=jnp.inf)
-    return _counted(trajectory, kept, events.kind, events.contact, happened) | {
+    return {
         "grazing_margin": jnp.where(jnp.any(struck), margin, jnp.nan),
         "event_kind": events.kind[:kept].astype(jnp.int8),
         "event_contact": events.contact[:kept].astype(jnp.int32),
