@@ -15,6 +15,7 @@ import numpy as np
 
 from ..export.one_move import in_one_move
 from ..validation.caller import warn_caller
+from ..validation.program import array_bytes
 from .data import Measurements
 from .parameters import Selection, check_inside
 from .problem import FitProblem
@@ -107,8 +108,7 @@ def study_digest(problem: FitProblem, measured: Measurements) -> str:
     digest = hashlib.sha256(repr(names).encode())
     for leaf in jax.tree.leaves((measured, fixed, problem.start, problem.t0)):
         if _is_numeric(leaf):
-            array = np.asarray(leaf)
-            digest.update(f"{array.dtype} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes())
+            digest.update(array_bytes(np.asarray(leaf)))
     return digest.hexdigest()
 
 

@@ -16,6 +16,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from ..outcome import SimulationError
 from ..validation.caller import warn_caller
+from ..validation.program import array_bytes
 from .point import Wanted, evaluate
 
 BATCH_AXIS = "batch"
@@ -150,7 +151,7 @@ def program_digest(program: Program, columns: dict[str, np.ndarray]) -> str:
     arguments = filter(_is_array, jax.tree.leaves((program.cost, program.scene)))
     # Each array once, in the order of use: programs differ that hold the same data in other places.
     for array in {id(array): array for array in (*arguments, *_constants(traced))}.values():
-        digest.update(_bytes(array))
+        digest.update(array_bytes(array))
     return digest.hexdigest()
 
 
@@ -173,9 +174,3 @@ def _literals(atoms) -> Iterator[Any]:
 
 def _is_array(leaf: Any) -> bool:
     return eqx.is_array(leaf) or isinstance(leaf, np.ndarray | np.generic)
-
-
-def _bytes(array: Any) -> bytes:
-    if jnp.issubdtype(array.dtype, jax.dtypes.prng_key):
-        array = jax.random.key_data(array)
-    return f"{array.dtype} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes()

@@ -34,6 +34,13 @@ def digest(traces: Iterable[ClosedJaxpr]) -> str:
     return told.hexdigest()
 
 
+def array_bytes(array: Any) -> bytes:
+    """Type, shape and numbers of an array, those of a random key too."""
+    is_key = jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
+    values = np.asarray(jax.random.key_data(array) if is_key else array)
+    return f"{values.dtype} {values.shape} ".encode() + values.tobytes()
+
+
 def _tell(tell: Callable[[bytes], Any], part: Any) -> None:
     if isinstance(part, ClosedJaxpr):
         _tell_equations(tell, part.jaxpr)
@@ -47,10 +54,7 @@ def _tell(tell: Callable[[bytes], Any], part: Any) -> None:
     elif isinstance(part, jax.core.Tracer):
         tell(str(part.aval).encode())
     elif isinstance(part, np.ndarray | np.generic | jax.Array):
-        array: Any = part
-        is_key = jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
-        values = np.asarray(jax.random.key_data(array) if is_key else array)
-        tell(f"{values.dtype}{values.shape}".encode() + values.tobytes())
+        tell(array_bytes(part))
     elif part is None or isinstance(part, bool | int | float | complex | str):
         tell(repr(part).encode())
     else:
