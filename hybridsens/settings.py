@@ -145,8 +145,7 @@ def horizon_status(t0, t1, ts, settings: RunSettings, capture_speed: float | Arr
     if ts is not None and ts.shape[0] > 0:
         sorted_inside = jnp.all(ts[1:] >= ts[:-1]) & (ts[0] >= t0) & (ts[-1] <= t1)
         status = Status.where(sorted_inside, status, Status.unsorted_times)
-    status = Status.where((t1 > t0) & jnp.isfinite(t1 - t0), status, Status.bad_horizon)
-    return status
+    return Status.where((t1 > t0) & jnp.isfinite(t1 - t0), status, Status.bad_horizon)
 
 
 def segment_room(adjoint: AbstractGradientMethod, ts) -> int | None:

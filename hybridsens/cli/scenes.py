@@ -79,11 +79,10 @@ def _default(row: ParameterText) -> str:
     """A number, or the shape of an array."""
     if not isinstance(row.default, list):
         return f"{row.default:.6g}"
-    numbers = ", ".join(f"{number:g}" for number in row.default if not isinstance(number, list))
-    nested = any(isinstance(number, list) for number in row.default)
-    return f"{len(row.default)} x {len(row.default[0])}" if nested else f"[{numbers}]" if len(numbers) < 11 else (
-        f"{len(row.default)} numbers"
-    )  # fmt: skip
+    if any(isinstance(number, list) for number in row.default):
+        return f"{len(row.default)} x {len(row.default[0])}"
+    numbers = ", ".join(f"{number:g}" for number in row.default)
+    return f"[{numbers}]" if len(numbers) < 11 else f"{len(row.default)} numbers"
 
 
 def parameter_texts(model: Any) -> list[ParameterText]:

@@ -97,10 +97,9 @@ def must_have_shape(
 
 def _remedy(length: int | str) -> str:
     """For a number in the place of a vector."""
-    several = isinstance(length, int) and length > 1
-    return f": repeat the number by jnp.full({length}, ...)" if several else (
-        ": put the number into an array by jnp.array([...])"
-    )  # fmt: skip
+    if isinstance(length, int) and length > 1:
+        return f": repeat the number by jnp.full({length}, ...)"
+    return ": put the number into an array by jnp.array([...])"
 
 
 def outcome(asked: Asked, *arguments) -> Any:
