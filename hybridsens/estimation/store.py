@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..export.one_move import in_one_move
+from ..export.one_move import in_one_move, must_have_a_folder
 from ..validation.caller import warn_caller
 from ..validation.program import array_bytes
 from .data import Measurements
@@ -57,10 +57,7 @@ class Store(NamedTuple):
         Raises: ValueError for a path that cannot be written to, and for a file that holds no values, those of other
         parameters or of another study, or values outside their bounds.
         """
-        if self.path.is_dir() or not self.path.parent.is_dir():
-            what = "is a folder" if self.path.is_dir() else "is in a folder that does not exist"
-            raise ValueError(f"`store` must be the path of a JSON file in a folder that exists, but {self.path} "
-                             f"{what}.")  # fmt: skip
+        must_have_a_folder(self.path, "`store` must be the path of a JSON file")
         if not self.path.exists():
             return None
         (saved, study, starts), labels = self._saved(), self.selection.labels

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..status import Status
-from .one_move import in_one_move
+from .one_move import in_one_move, must_have_a_folder
 from .trees import structure
 
 
@@ -79,8 +79,6 @@ def write_netcdf(dataset: Any, path: str | Path) -> None:
             f"`path` must end in .nc, or have no ending, since `save` writes netCDF, but is {path.name}: name it "
             "so. Tables of a motion, of its events and of a fit are written by `.to_pandas().to_csv(path)`."
         )
-    if path.is_dir() or not path.parent.is_dir():  # netCDF4 speaks of permissions
-        what = "is a folder" if path.is_dir() else "is in a folder that does not exist"
-        raise ValueError(f"`path` must be that of a file in a folder that exists, but {path} {what}.")
+    must_have_a_folder(path, "`path` must be that of a file")  # netCDF4 speaks of permissions
     with in_one_move(path) as draft:
         dataset.to_netcdf(draft, engine="netcdf4")
