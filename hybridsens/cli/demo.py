@@ -14,7 +14,7 @@ from rich.table import Table
 from ..comparison.compare import relative_error, relative_errors
 from ..comparison.demo import Demonstration, demonstrate
 from ..export.names import contact_names
-from ..export.text import MOST_ROWS
+from ..export.text import MOST_ROWS, TERMINAL
 from ..mechanics.event_table import impulse_of
 from ..mechanics.mode import EventKind
 from ..mechanics.trajectory import Trajectory
@@ -24,8 +24,6 @@ from ..solution import Solution, SolutionEvents
 from ..waiting import waiting
 from .models import HELP, complete, file_name, runnable, text
 from .options import Json, picture_to_write, print_json
-
-WIDTH = 80
 
 
 def demo(
@@ -53,7 +51,7 @@ def demo(
 
 
 def _print(name: str, scene: Any, shown: Demonstration) -> None:
-    console = Console(width=WIDTH, highlight=False)
+    console = Console(width=TERMINAL, highlight=False)
     about = _unwrapped(text(type(scene)))
     console.print(f"{name}: {about}\n" if about else f"{name}\n", markup=False)
     _print_events(console, scene, shown.trajectory)

@@ -9,13 +9,12 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import typer
 
+from ..export.text import TERMINAL
 from ..parameters import parameters
 from ..scenes import SCENES
 from ..systems import SYSTEMS
 from .models import about, complete, model, text
 from .options import Json, print_json
-
-WIDTH = 80
 
 
 class ParameterText(NamedTuple):
@@ -56,7 +55,7 @@ def _print_all() -> None:
     for heading, models in (("mechanical scenes", SCENES), ("hybrid systems", SYSTEMS)):
         print(f"{heading}:")
         for name, of in models.items():
-            print(textwrap.fill(f"{f'  {name}':<{width}}{about(of)}", WIDTH, subsequent_indent=" " * width))
+            print(textwrap.fill(f"{f'  {name}':<{width}}{about(of)}", TERMINAL, subsequent_indent=" " * width))
     print("\n`hybridsens scenes NAME` lists the parameters of one.")
 
 
@@ -66,13 +65,13 @@ def _print_one(name: str) -> None:
     if paragraphs[0].startswith(first):  # where the module has no text, the class speaks for it
         first = paragraphs.pop(0)
     for paragraph in (f"{name}: {first or type(of).__name__}", *filter(None, paragraphs)):
-        print(textwrap.fill(paragraph, WIDTH) + "\n")
+        print(textwrap.fill(paragraph, TERMINAL) + "\n")
     rows = parameter_texts(of)
     width = max(map(len, ["parameter", *(row.name for row in rows)])) + 2
     print(f"{'parameter':<{width}} {'default':<12} {'unit':<8} meaning")
     for row in rows:
         first = f"{row.name:<{width}} {_default(row):<12} {row.unit:<8} {row.about}"
-        print(textwrap.fill(first, WIDTH, subsequent_indent=" " * (width + 23), drop_whitespace=True).rstrip())
+        print(textwrap.fill(first, TERMINAL, subsequent_indent=" " * (width + 23)).rstrip())
 
 
 def _default(row: ParameterText) -> str:
