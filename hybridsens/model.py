@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from .export.text import printed
 from .validation.numbers import numbers_to_arrays
@@ -30,6 +31,11 @@ class Model(eqx.Module):
 
     def __repr__(self) -> str:
         return printed(self)
+
+
+def parameter(default: Any):
+    """A field for a parameter with a default: a number, or nested sequences of numbers for an array."""
+    return eqx.field(default=default, converter=lambda value: jnp.asarray(value, jnp.result_type(float)))
 
 
 @contextlib.contextmanager

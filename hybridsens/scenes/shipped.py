@@ -3,16 +3,11 @@
 import abc
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mechanics.scene import AbstractScene, State
-
-
-def parameter(default: float):
-    """A scalar parameter of a scene, differentiable, with a default value."""
-    return eqx.field(default=default, converter=lambda value: jnp.asarray(value, jnp.result_type(float)))
+from ..model import parameter as parameter
 
 
 def scalars(*values) -> tuple[Array, ...]:

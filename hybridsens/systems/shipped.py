@@ -3,16 +3,10 @@
 import abc
 from typing import Any, ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..model import parameter as parameter
 from ..system import AbstractHybridSystem, Mode
-
-
-def parameter(default: Any):
-    """A parameter of a system, differentiable: a number, or nested sequences of numbers for an array."""
-    return eqx.field(default=default, converter=lambda value: jnp.asarray(value, jnp.result_type(float)))
 
 
 class ShippedSystem(AbstractHybridSystem):
