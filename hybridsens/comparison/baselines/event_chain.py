@@ -3,6 +3,9 @@
 The physics is this package's own (modes, impact law, Gauss's principle). What differs is how a segment's end is found
 (by a root finder, at the end of the step, at the right time held constant), and that plain automatic differentiation
 goes through all of it.
+
+In all of them `tolerance` is both rtol and atol of the error control, and a motion with more than `max_events` events
+is NaN.
 """
 
 from collections.abc import Callable
@@ -126,30 +129,21 @@ def _fill(samples, ts, t_start, t_end, t1, solution):
 def events_at_root(
     scene: AbstractScene, state: State, *, tolerance: float = 1e-8, max_events: int = 64, **asked: Unpack[Asked]
 ) -> BaselineMotion:
-    """Motion whose events are placed by Newton's method on the solver's dense output, and differentiated through it.
-
-    `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
-    """
+    """Motion whose events are placed by Newton's method on the solver's dense output, and differentiated through it."""
     return event_chain(scene, state, asked, partial(diffrax_solve, event=first_event(NEWTON)), tolerance, max_events)
 
 
 def events_at_step_end(
     scene: AbstractScene, state: State, *, tolerance: float = 1e-8, max_events: int = 64, **asked: Unpack[Asked]
 ) -> BaselineMotion:
-    """Motion whose events happen at step ends, late by up to a step, and whose times have no derivative: d t_k = 0.
-
-    `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
-    """
+    """Motion whose events happen at step ends, late by up to a step, and whose times have no derivative: d t_k = 0."""
     return event_chain(scene, state, asked, partial(diffrax_solve, event=first_event(None)), tolerance, max_events)
 
 
 def constant_event_time(
     scene: AbstractScene, state: State, *, tolerance: float = 1e-8, max_events: int = 64, **asked: Unpack[Asked]
 ) -> BaselineMotion:
-    """Motion whose value is right and whose variations lack (R_x f- + R_t - f+) d t_k of (T6).
-
-    `tolerance` is both rtol and atol of the error control. A motion with more than `max_events` events is NaN.
-    """
+    """Motion whose value is right and whose variations lack (R_x f- + R_t - f+) d t_k of (T6)."""
 
     def solve(system, start, t1, *settings):
         located = diffrax_solve(system, start, t1, *settings, event=first_event(NEWTON))
