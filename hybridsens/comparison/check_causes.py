@@ -63,7 +63,7 @@ def _no_derivative(parameters: Sequence[ParameterCheck], events: Sequence[EventC
         return None
     names = tuple(entry.parameter for entry in parameters if entry.verdict)
     labels = tuple(entry.label for entry in events if entry.verdict and entry.motion == n)
-    told = ", ".join(f"`{name}` at t = {time:.6g}" for name, time in found)
+    told = ", ".join(f"`{name}` at t = {time:.6g}" for name, time in found.items())
     reason = f"a function whose derivative is not finite where the motion comes: {told}"
     remedy = (
         "make it finite there; `jnp.linalg.norm(v)` and `jnp.sqrt(v @ v)` have none at v = 0, "

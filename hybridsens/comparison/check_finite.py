@@ -1,7 +1,7 @@
 """Where a motion meets a function whose value is finite and whose derivative is not, as that of a norm at 0."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,21 +14,16 @@ from ..mechanics.switches import has_switches, in_mode
 from .check_motions import Call
 
 
-class NoDerivative(NamedTuple):
-    """A function, and the first instant of the motion at which its derivative is not finite."""
-
-    function: str
-    time: float
-
-
-def without_derivative(call: Call) -> list[NoDerivative]:
-    """Functions of a scene or a system whose derivative is not finite at the beginning or just after an event."""
+def without_derivative(call: Call) -> dict[str, float]:
+    """Functions of a scene or a system whose derivative is not finite at the beginning or just after an event: name ->
+    the first such instant."""
     times, *after = _instants(call)
-    found = []
+    found = {}
     for name, function in _functions(call).items():
         finite = jax.jit(jax.vmap(lambda *instant, asked=function: _is_finite(asked, call.scene, *instant)))
         bad = np.flatnonzero(~np.asarray(finite(times, *after)))
-        found += [NoDerivative(name, float(times[bad[0]]))] if bad.size else []
+        if bad.size:
+            found[name] = float(times[bad[0]])
     return found
 
 
