@@ -43,8 +43,8 @@ class Store(NamedTuple):
     def write(self, z) -> None:
         """Replace the file in one move, so that it is whole at any time."""
         values = self.selection.to_values(jnp.asarray(z)).tolist()
-        kept = {"values": dict(zip(self.selection.labels, values, strict=True)), "study": self.study}
-        kept["starts"] = self.starts
+        by_name = dict(zip(self.selection.labels, values, strict=True))
+        kept = {"values": by_name, "study": self.study, "starts": self.starts}
         try:
             with in_one_move(self.path) as draft:
                 draft.write_text(json.dumps(kept, indent=2) + "\n")
