@@ -18,7 +18,7 @@ from ..waiting import waiting
 from .check_causes import find_causes
 from .check_doubts import KINK, UNDECIDED, ParameterCheck
 from .check_events import check_events
-from .check_motions import Call, largest_state, on_sequence, value_with_calls
+from .check_motions import largest_state, on_sequence, value_with_calls
 from .check_report import GradientCheck
 from .check_sides import kink_at, kinked, one_sided, other_side
 from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby
@@ -120,7 +120,8 @@ def _check(
     mechanical = [(number, call) for number, call in enumerate(calls) if knows_contacts(call)]
     events = [check for number, call in mechanical for check in check_events(number, call, tolerance, chosen)]
     tell("looking for causes")
-    calls = tuple(map(Call.differentiated, calls, reported.status, reported.doubt_time))
+    said = zip(calls, reported.status, reported.doubt_time, strict=True)  # of the motions where a derivative is taken
+    calls = [call._replace(status=status, doubt_time=time) for call, status, time in said]
     off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, chosen, counts))
     return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, chosen))
 

@@ -53,10 +53,6 @@ class Call(NamedTuple):
     doubt_time: Any = math.nan
     """When its derivatives came into doubt; nan where they are not."""
 
-    def differentiated(self, status: Status, doubt_time: Any) -> "Call":
-        """The same motion, with what is said of it where a derivative is taken."""
-        return self._replace(status=status, doubt_time=doubt_time)
-
 
 def value_with_calls(parameters: FlatParameters, cost: Cost, settings) -> Callable:
     """vector -> (J, the motions that it came from), compiled."""
