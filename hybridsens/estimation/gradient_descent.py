@@ -31,13 +31,13 @@ class Carry(NamedTuple):
 
 def loss_and_gradient(problem, z) -> tuple[Float[Array, ""], Float[Array, "unknown"], Trial]:
     """sum r^2 / 2, its gradient by the adjoint, and what happened; failed if any of them is not finite."""
-
-    def loss(z):
-        r, trial = problem.residuals(z, Replay())
-        return 0.5 * jnp.sum(r**2), trial
-
-    (value, trial), gradient = jax.value_and_grad(loss, has_aux=True)(z)
+    (value, trial), gradient = jax.value_and_grad(_loss, has_aux=True)(z, problem)
     return value, gradient, trial._replace(failed=trial.failed | ~jnp.all(jnp.isfinite(gradient)))
+
+
+def _loss(z, problem) -> tuple[Float[Array, ""], Trial]:
+    r, trial = problem.residuals(z, Replay())
+    return 0.5 * jnp.sum(r**2), trial
 
 
 @eqx.filter_jit
@@ -78,8 +78,8 @@ def _update(optimizer: optax.GradientTransformation, problem, carry: Carry):
 @eqx.filter_custom_vjp
 def _guarded_loss(z, problem, penalty):
     """The loss for line searches: finite, with a finite gradient, wherever they look."""
-    r, trial = problem.residuals(z, Replay())
-    return jnp.where(trial.failed, penalty, 0.5 * jnp.sum(r**2))
+    loss, trial = _loss(z, problem)
+    return jnp.where(trial.failed, penalty, loss)
 
 
 @_guarded_loss.def_fwd
