@@ -1,19 +1,23 @@
 """Mass matrices and their structure: an array, or a `lineax` operator that says what it is.
 
-One that is the same everywhere is told from its trace, and solved for once before the motion begins."""
+Of an array the trace tells whether it is diagonal everywhere, or the same everywhere and solved for once before the
+motion begins."""
 
 from typing import Any, Literal
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import lineax as lx
 import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from ..interval.arithmetic import Interval
+from ..interval.enclosure import ranges
 from ..interval.kind import Kind, kinds
-from ..numerics.dense import UNROLLED, linear_solve, pivots, refined, solve_spd
+from ..numerics.dense import linear_solve, pivots, refined, solve_spd
 from .scene import AbstractScene
 from .wrapped import Fixed, WrappedScene
 
@@ -114,7 +118,7 @@ def _tridiagonal_pivots(mass: lx.TridiagonalLinearOperator) -> Float[Array, "dof
 
 
 class KnownMass(WrappedScene):
-    """A scene whose mass matrix does not depend on q."""
+    """A scene whose mass matrix is diagonal, or does not depend on q."""
 
     form: Literal["identity", "diagonal", "dense"] = eqx.field(static=True)
     inverse: Fixed | None
@@ -125,7 +129,8 @@ class KnownMass(WrappedScene):
             return lx.IdentityLinearOperator(jax.ShapeDtypeStruct(q.shape, q.dtype))
         matrix = _as_array(self.scene, q)
         if self.form == "diagonal":
-            return lx.DiagonalLinearOperator(jnp.diagonal(matrix))
+            # Every (n + 1)-th entry: the derivative of `jnp.diagonal` is a scatter.
+            return lx.DiagonalLinearOperator(matrix.reshape(-1)[:: q.shape[0] + 1])
         assert self.inverse is not None
         return ConstantMass(matrix, self.inverse.number)
 
@@ -134,34 +139,45 @@ class KnownMass(WrappedScene):
 
 
 def with_known_mass(scene: AbstractScene, q) -> AbstractScene:
-    """The scene, with the inverse of its mass matrix found once where the matrix is dense and does not depend on q.
+    """The scene, with what the trace tells of a mass matrix that is an array.
 
-    One that is a number in the program, as `jnp.eye(dof)` is, shows its zeros too. Small ones are left as they are:
-    to eliminate them costs no more than to apply an inverse."""
-    if q.shape[0] <= UNROLLED or not _is_dense(scene, q):
+    The identity and a diagonal one are solved as such; of another that does not depend on q the inverse is found once,
+    but for that of two coordinates, which is no work."""
+    if not _is_dense(scene, q):
         return scene
     leaves, rest = eqx.partition(scene, eqx.is_array)
-    matrix_of = lambda leaves, q: _as_array(eqx.combine(leaves, rest), q)
-    trace, fixed = jax.make_jaxpr(matrix_of)(leaves, q), jax.tree.map(lambda leaf: np.zeros(leaf.shape, int), leaves)
-    if (kinds(trace, [*jax.tree.leaves(fixed), np.full(q.shape, Kind.AFFINE)]) != Kind.CONSTANT).any():
+    trace = jax.make_jaxpr(lambda leaves, q: _as_array(eqx.combine(leaves, rest), q))(leaves, q)
+    form = _form(trace)
+    if form != "dense":
+        return KnownMass(scene, form, None)
+    fixed = [np.zeros(leaf.shape, int) for leaf in jax.tree.leaves(leaves)]
+    if q.shape[0] <= 2 or (kinds(trace, [*fixed, np.full(q.shape, Kind.AFFINE)]) != Kind.CONSTANT).any():
         return scene
-    moving = [np.full(leaf.shape, Kind.AFFINE) for leaf in jax.tree.leaves(leaves)]
-    if not trace.consts and (kinds(trace, [*moving, np.zeros(q.shape, int)]) == Kind.CONSTANT).all():
-        form = _form(matrix_of, leaves, q)
-        if form != "dense":
-            return KnownMass(scene, form, None)
     matrix = lax.stop_gradient(_as_array(scene, q))
     return KnownMass(scene, "dense", Fixed.of(solve_spd(matrix, jnp.eye(q.shape[0], dtype=q.dtype)), q.dtype))
 
 
-def _form(matrix_of, leaves, q) -> Literal["identity", "diagonal", "dense"]:
-    """The form of a matrix that depends on nothing, so that any leaves do."""
+def _form(trace) -> Literal["identity", "diagonal", "dense"]:
+    """The form of a matrix for whatever parameters and q, from the range of each of its entries."""
+    if any(isinstance(constant, jax.core.Tracer) for constant in trace.consts) or not _all_real(trace.in_avals):
+        return "dense"
     with jax.ensure_compile_time_eval():
-        blank = jax.tree.map(lambda leaf: jnp.ones(leaf.shape, leaf.dtype), leaves)
-        matrix = np.asarray(matrix_of(blank, jnp.ones(q.shape, q.dtype)))
-    if np.array_equal(matrix, np.eye(q.shape[0])):
+        (entries,) = ranges(trace, [_anything(aval) for aval in trace.in_avals])
+        low, high = np.asarray(entries.low), np.asarray(entries.high)
+    known = np.where(low == high, low, np.nan)
+    if np.array_equal(known, np.eye(len(known))):
         return "identity"
-    return "diagonal" if np.array_equal(matrix, np.diag(np.diagonal(matrix))) else "dense"
+    return "diagonal" if not known[~np.eye(len(known), dtype=bool)].any() else "dense"  # nan counts as true
+
+
+def _all_real(avals) -> bool:
+    return all(jnp.issubdtype(aval.dtype, jnp.floating) for aval in avals)
+
+
+def _anything(aval) -> Interval:
+    """All numbers that are so far from the largest one that their powers are finite: zero times infinity is unknown."""
+    most = jnp.full(aval.shape, float(jnp.finfo(aval.dtype).max) ** 0.25, aval.dtype)
+    return Interval(-most, most)
 
 
 def _is_dense(scene: AbstractScene, q) -> bool:

@@ -14,6 +14,7 @@ from tests.closeness import assert_close
 
 DOF = 6
 FORMS = ["diagonal", "tridiagonal", "dense", "tagged", "identity", "eye", "depends on q"]
+DIAGONAL_ARRAYS = ["diagonal array", "diagonal by q"]
 
 
 class Row(hs.AbstractScene):
@@ -33,6 +34,8 @@ class Row(hs.AbstractScene):
             "tagged": lx.MatrixLinearOperator(dense, lx.positive_semidefinite_tag),
             "identity": lx.IdentityLinearOperator(jax.ShapeDtypeStruct((DOF,), q.dtype)),
             "eye": jnp.eye(DOF),
+            "diagonal array": jnp.diag(m),
+            "diagonal by q": jnp.eye(DOF) * (m + 0 * q[0]) + 0 * jnp.outer(q, q),
             "depends on q": dense + jnp.diag(0 * q),
         }[self.form]
 
@@ -53,11 +56,11 @@ def as_array(form: str, m, coupling):
     """The matrix that a form stands for."""
     if form in ("identity", "eye"):
         return jnp.eye(DOF)
-    side = 0 if form == "diagonal" else coupling
+    side = 0 if form.startswith("diagonal") else coupling
     return jnp.diag(m) + side * (jnp.eye(DOF, k=1) + jnp.eye(DOF, k=-1))
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", FORMS + DIAGONAL_ARRAYS)
 def test_a_mass_matrix_is_solved_as_what_it_is(form):
     """M^-1 b and its first and second derivatives by b and by what M is made of are those of a dense solve."""
     ours = lambda m, c, b: jnp.sum(jnp.sin(solve_mass(with_known_mass(Row(m, c, form), b).mass_matrix(b), b)))
@@ -74,10 +77,12 @@ def test_a_mass_matrix_is_solved_as_what_it_is(form):
 
 
 def test_what_a_trace_tells_of_a_mass_matrix():
-    """An identity and a constant are seen as such; what depends on q is left alone, and so is an operator."""
+    """An identity, a diagonal and a constant are seen as such; what else depends on q is left alone, and an operator
+    too."""
     known = lambda form: with_known_mass(Row(M, COUPLING, form), B)
     form = lambda name: known(name).form if isinstance(known(name), KnownMass) else None
     assert form("eye") == "identity" and form("dense") == "dense" and form("tagged") == "dense"
+    assert {form(name) for name in DIAGONAL_ARRAYS} == {"diagonal"}
     assert {form(name) for name in ("depends on q", "diagonal", "tridiagonal", "identity")} == {None}
 
 
