@@ -12,8 +12,10 @@ from ..export.datasets import optional, write_netcdf
 from ..export.text import preformatted
 from ..mechanics.trajectory import Trajectory
 from ..numerics.sample_times import at_times
+from ..parameters import replace
 from ..solution import Solution
 from ..system import AbstractHybridSystem
+from .band import Band, band
 from .data import Measurements
 from .descend import INTERRUPTED, EventSequence, Iteration
 from .plot import plot_fit
@@ -144,6 +146,18 @@ class FitResult(eqx.Module):
         rounding."""
         half = half_width(self.uncertainty.standard_errors, level, self.uncertainty.quantile_freedom)
         return {label: (float(p - h), float(p + h)) for label, p, h in zip(self.labels, self.values, half, strict=True)}
+
+    def interval_of(self, function: Callable[[Any], Any], level: float = 0.95) -> Band:
+        """What `function(scene)` makes of the fitted scene, and between which bounds that lies: (value, low, high), of
+        the shape that it returns. So another experiment is predicted, from another state or for longer.
+
+        The bounds are g(p) -+ t (J C J^T)^(1/2), with the derivative J of g by the fitted numbers p, the covariance C
+        of these, and Student's t for the `level`: first-order, as `intervals`, and without the noise of a measurement.
+        J is found in forward mode: motions take `adjoint=hs.ForwardSensitivities()`. (-inf, inf) where it depends on a
+        parameter of which the data say nothing; one on its bound is held there. Raises: TypeError unless an array is
+        returned."""
+        of_values = lambda p: function(replace(self.scene, dict(zip(self.labels, p, strict=True))))
+        return band(of_values, self.values, self.uncertainty, level)
 
     def weak_directions(self, limit: float = 0.5) -> list[tuple[float, dict[str, float]]]:
         """Directions of relative change known worse than `limit`, beside `uncertainty.null_directions`."""

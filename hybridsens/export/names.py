@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 _WITH_UNIT = re.compile(r"(.+?)\s+\[(.*)\]")
@@ -94,6 +94,20 @@ def _given(scene: Any, what: str, count: int, each: str) -> list[str] | None:
             f"each {each}, but is {given!r}."
         )
     return list(given)
+
+
+def names_of_events(scene: Any, numbers: Iterable[Any], switched: Iterable[Any], contacts: int) -> list[str]:
+    """What each event of a scene is of: the name of its contact, or of its switch where `switched`; else its number."""
+    of_contacts, of_switches = contact_names(scene, contacts), getattr(scene, "event_names", None) or ()
+    named = lambda i, names: names[i] if i < len(names) else str(i)
+    return [
+        named(int(i), of_switches if switch else of_contacts) for i, switch in zip(numbers, switched, strict=True)
+    ]
+
+
+def check_switch_names(scene: Any, count: int) -> None:
+    """Raise ValueError if the scene's `event_names` are not one for each of its switches."""
+    _given(scene, "event_names", count, "switch")
 
 
 def contact_names(scene: Any, count: int) -> list[str]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from .batches import happened, leading, must_be_known, of_each_run
 from .datasets import attributes, how_it_ended, must_have_samples, optional, sample_axes
-from .names import contact_names, coordinate_names, must_differ, unit_of_contact
+from .names import contact_names, coordinate_names, must_differ, names_of_events, unit_of_contact
 from .trees import variables
 
 KINDS = "impact capture release switch"
@@ -78,14 +78,13 @@ def events_frame(events: Any, scene: Any):
     must_be_known(events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
     rows, n = happened(events), int(events.count)
-    contacts = contact_names(scene, rows.impulse.shape[1])
+    contacts = rows.impulse.shape[1]
     switched = rows.kind == KINDS.split().index("switch")
     impulse = rows.impulse[np.arange(n), np.where(switched, 0, rows.contact)] if contacts else 0.0
-    names = [str(i) if s else contacts[i] for i, s in zip(rows.contact, switched, strict=True)]
     columns: dict[str, Any] = {
         "time [s]": rows.time,
         "kind": np.array(KINDS.split())[rows.kind],
-        "contact": np.array(names, str),
+        "contact": np.array(names_of_events(scene, rows.contact, switched, contacts), str),
         "closing speed" + unit_of_contact(scene, "m/s"): rows.closing_speed,
         "impulse" + unit_of_contact(scene, "N s"): np.where(switched, 0.0, impulse),
     }

@@ -7,7 +7,7 @@ import jax.core
 import lineax as lx
 import numpy as np
 
-from ..export.names import contact_names
+from ..export.names import contact_names, names_of_events
 from ..export.text import array_text, rows_shown
 from ..export.trees import as_text
 from ..validation.not_finite import not_finite_among
@@ -56,12 +56,10 @@ def event_table(events: Any):
 
 
 def _contacts(events: Any) -> list[str]:
-    """The contact of each event that happened: its name where the scene is known and names it, or its number; that of
-    the switch at a switch."""
-    names = contact_names(getattr(events, "_scene", None), np.shape(events.impulse)[-1])
-    of = lambda j: int(events.contact[j])
-    switch = lambda j: events.kind[j] == EventKind.SWITCH
-    return [str(of(j)) if switch(j) else names[of(j)] for j in range(int(events.count))]
+    """The contact or the switch of each event that happened: its name where the scene is known and names it."""
+    numbers, kinds = (np.asarray(rows[: int(events.count)]) for rows in (events.contact, events.kind))
+    scene, contacts = getattr(events, "_scene", None), np.shape(events.impulse)[-1]
+    return names_of_events(scene, numbers, kinds == EventKind.SWITCH, contacts)
 
 
 def impulse_of(events: Any, j: int) -> float:

@@ -3,13 +3,14 @@
 import abc
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..export.names import check_switch_names
 from ..validation.asked import Asked
 from ..validation.lost_derivatives import hides_tracers, method_of, warn_of_mode_after
 from ..validation.own_start import check_mode_given
@@ -35,6 +36,9 @@ class AbstractSwitchedScene(AbstractScene):
     switches: which are held closed, and by what force, is chosen anew after every switch; what a body strikes that a
     switch kicked is found as ever. A switch leaves q as it is: two bodies that jump might be inside each other.
     """
+
+    event_names: ClassVar[tuple[str, ...] | None] = None
+    """Names of the switches, ("burnout",): for tables and pictures."""
 
     @abc.abstractmethod
     def force(  # type: ignore[override]
@@ -151,6 +155,7 @@ def _count_switches(scene: AbstractSwitchedScene, state: State, mode: Any) -> in
             f"`switches` must return {q.dtype}, the type of the state, but returns {switches.dtype}, which is coarser: "
             "give both one type."
         )
+    check_switch_names(scene, switches.shape[0])
     kick = Asked.of(scene, "switch(event, t, q, v, mode)")
     check_change(kick, "(v, mode)", "the velocities", v, (t, q, v, mode))
     return switches.shape[0]

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..export.batches import leading, must_be_known, part_of
 from ..export.datasets import with_structure, write_netcdf
@@ -125,12 +125,18 @@ class Trajectory(eqx.Module):
         inside = np.asarray(self.ts) < t1
         before_end = jnp.where(inside, self.ts, self.ts[0])
         past = np.searchsorted(self.events.time[: int(self.events.count)], self.ts, side="right")
-        modes = lambda first, later: jnp.concatenate([jnp.asarray(first)[None], later])[past]
-        mode = jax.tree.map(modes, again.args[2], self.events.mode)
+        mode = self.modes_after(past)
         one = lambda sample: jax.grad(value)(*sample)
         # One after the other: the program of a batch takes longer to compile than these take to run.
         found = jax.jit(lambda samples: lax.map(one, samples))((State(self.q, self.v), before_end, mode))
         return jax.tree.map(lambda leaf: jnp.where(inside[:, None], leaf, jnp.nan), found)
+
+    def modes_after(self, passed: Int[Array | np.ndarray, "row"]) -> Any:
+        """The modes of a scene with switches after so many events each (row); None for another scene.
+
+        Raises: ValueError for a motion that does not know its scene, as `evaluate`."""
+        modes = lambda first, later: jnp.concatenate([jnp.asarray(first)[None], later])[passed]
+        return jax.tree.map(modes, self._known_again("the mode").args[2], self.events.mode)
 
     def to_xarray(self):
         """An xarray Dataset of all that is here, with events in as many rows as there were.

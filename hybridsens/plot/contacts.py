@@ -21,17 +21,14 @@ def contact_forces(scene: AbstractScene, trajectory: Trajectory):
     open. Of contacts that share a load in more than one way, as the four feet of a table, as many carry it as are
     independent.
 
-    Arguments: the scene that moved, and its trajectory with samples. Raises: ValueError without samples, or for a
-    batch; NotImplementedError for a scene with switches.
+    Arguments: the scene that moved, and its trajectory with samples. Raises: ValueError without samples, for a batch,
+    or for a motion of a scene with switches that does not know its scene, as one that was loaded.
     """
     must_be_sampled(trajectory)
-    if has_switches(scene):
-        raise NotImplementedError(
-            "The forces of held contacts are not known for a scene with switches of its own. Its states are drawn by "
-            "`plot_trajectory`, and its gaps are jax.vmap(scene.gap)(motion.ts, motion.q)."
-        )
-    t, q, v = with_events(trajectory)
-    return t, np.asarray(eqx.filter_jit(held_forces)(scene, Instant(jnp.asarray(t), q, v), trajectory.mode))
+    t, q, v, passed = with_events(trajectory)
+    modes = trajectory.modes_after(passed) if has_switches(scene) else None
+    rows = Instant(jnp.asarray(t), q, v)
+    return t, np.asarray(eqx.filter_jit(held_forces)(scene, rows, trajectory.mode, modes))
 
 
 def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:

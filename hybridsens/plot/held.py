@@ -1,5 +1,7 @@
 """Which contacts are closed at the states of a motion, and the forces of those that are held."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -9,6 +11,7 @@ from ..mechanics.contact import Instant, contact_geometry, contact_jacobian, gap
 from ..mechanics.event_state import MEETING
 from ..mechanics.laws import gap_acceleration, gauss_selection
 from ..mechanics.scene import AbstractScene
+from ..mechanics.switches import in_mode
 from ..numerics.tolerances import closeness, time_resolution
 
 MUCH = 10
@@ -34,9 +37,10 @@ def closed_contacts(scene: AbstractScene, rows: Instant) -> Bool[Array, "row con
 
 
 def held_forces(
-    scene: AbstractScene, rows: Instant, held_at_end: Bool[Array, "contact"]
+    scene: AbstractScene, rows: Instant, held_at_end: Bool[Array, "contact"], modes: Any
 ) -> Float[Array, "row contact"]:
-    """lambda at each state, of the closed contacts that Gauss's principle (T2) holds there; 0 for others.
+    """lambda at each state, of the closed contacts that Gauss's principle (T2) holds there; 0 for others. `modes` are
+    those of a scene with switches (row); None for another one.
 
     Where it leaves a choice, as among the four feet of a table, those that were held at the row before go on, first
     those `held_at_end`."""
@@ -44,9 +48,10 @@ def held_forces(
         return jnp.zeros((rows.t.shape[0], held_at_end.shape[0]), rows.q.dtype)
 
     def forces_at(before, row):
-        now, closed = row
-        geometry = contact_geometry(scene, now.t, now.q)
-        acceleration, W = gap_acceleration(scene, geometry, *now), geometry.delassus
+        now, mode, closed = row
+        moving, _ = in_mode(scene, None, mode)
+        geometry = contact_geometry(moving, now.t, now.q)
+        acceleration, W = gap_acceleration(moving, geometry, *now), geometry.delassus
         before = before & closed
         force = acceleration.multiplier(W, before)
         pressed = ~before | (force * W.diagonal() >= -acceleration.noise)
@@ -59,4 +64,4 @@ def held_forces(
         active, force = lax.cond(jnp.all(pressed & in_place), lambda: (before, force), chosen)
         return active, jnp.where(active, jnp.maximum(force, 0), 0)
 
-    return lax.scan(forces_at, held_at_end, (rows, closed_contacts(scene, rows)))[1]
+    return lax.scan(forces_at, held_at_end, (rows, modes, closed_contacts(scene, rows)))[1]

@@ -37,7 +37,7 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
     Returns: the figure. Raises: ValueError if the trajectory has no samples or is a batch.
     """
     must_be_sampled(trajectory)
-    t, q, v = with_events(trajectory)
+    t, q, v, _ = with_events(trajectory)
     gaps = np.asarray(jax.vmap(lambda t, q, v: gap_and_rate(scene, t, q, v)[0])(jnp.asarray(t), q, v))
     contacts, (_, rates) = contact_names(scene, gaps.shape[1]), coordinate_names(scene, q.shape[1])
     shown = contacts_shown(trajectory)
@@ -76,14 +76,17 @@ def _labels(scene: AbstractScene, named_by: str, names: list[str]) -> list[str] 
 
 
 def with_events(trajectory: Trajectory):
-    """Samples, with the states just before and just after every event among them in the order of time."""
+    """Samples, with the states just before and just after every event among them in the order of time; and how many
+    events have passed."""
     events, count = trajectory.events, int(trajectory.events.count)
     time = events.time[:count]
     t = np.concatenate([time, time, np.asarray(trajectory.ts)])  # sorting is stable: before, after, sample
     order = np.argsort(t, kind="stable")
     both = lambda before, after, samples: jnp.concatenate([before[:count], after[:count], samples])[order]
     q = both(events.before.q, events.after.q, trajectory.q)
-    return t[order], q, both(events.before.v, events.after.v, trajectory.v)
+    by_sample = np.searchsorted(time, np.asarray(trajectory.ts), side="right")
+    passed = np.concatenate([np.arange(count), np.arange(count) + 1, by_sample])
+    return t[order], q, both(events.before.v, events.after.v, trajectory.v), passed[order]
 
 
 def draw_lines(axes: Axes, t, values, name: str, labels: list[str] | None = None, shown: list[int] | None = None):
@@ -128,7 +131,7 @@ def plot_coordinates(scene: AbstractScene, trajectory: Trajectory) -> Figure:
     Returns: a figure with a row for each coordinate. Raises: ValueError without samples, or for a batch.
     """
     must_be_sampled(trajectory)
-    t, q, v = with_events(trajectory)
+    t, q, v, _ = with_events(trajectory)
     dof = q.shape[1]
     figure = new_figure((9, 1.2 + 1.7 * dof))
     rows = figure.subplots(dof, 2, sharex=True, squeeze=False)
@@ -159,7 +162,7 @@ def plot_phase(
     names, rates = coordinate_names(scene, trajectory.final.q.shape[0])
     number = coordinate_number(coordinate, names)
     axes = one_panel(axes)
-    _, q, v = with_events(trajectory)
+    _, q, v, _ = with_events(trajectory)
     q, v = np.asarray(q[:, number]), np.asarray(v[:, number])
     axes.plot(q, v, color=COLOURS[0], linewidth=1.2)
     _draw_jumps(axes, trajectory, number)

@@ -33,7 +33,7 @@ def plot_path(
     names, _ = coordinate_names(scene, trajectory.final.q.shape[0])
     across, up = (coordinate_number(coordinate, names) for coordinate in (x, y))
     axes = one_panel(axes)
-    _, q, _ = with_events(trajectory)
+    _, q, *_ = with_events(trajectory)
     struck = np.isin(np.asarray(trajectory.events.kind), (EventKind.IMPACT, EventKind.CAPTURE))
     at = np.asarray(trajectory.events.before.q)[struck]
     q = np.asarray(q)

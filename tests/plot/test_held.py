@@ -80,3 +80,37 @@ def test_feet_of_a_block_carry_its_weight_together():
     _, force = hs.contact_forces(block, motion)
     np.testing.assert_allclose(force.sum(axis=1), 9.81, rtol=1e-12)
     assert np.all(force >= 0) and not np.any(force[:, ~np.asarray(motion.mode)])
+
+
+class OnAFloor(hs.AbstractSwitchedScene):
+    """A mass that is pulled up from a floor by a motor: of 3 N until t = 1/2, then of 8 N, then of 20 N."""
+
+    event_names = ("second gear", "third gear")
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v, mode):
+        return jnp.array([3.0, 8.0, 20.0])[mode][None] - 10
+
+    def gap(self, t, q):
+        return q
+
+    def restitution(self):
+        return jnp.array([0.5])
+
+    def switches(self, t, q, v, mode):
+        return jnp.stack([0.5 - t, 0.8 - t])
+
+    def switch(self, event, t, q, v, mode):
+        return v, event + 1
+
+
+def test_forces_follow_the_mode_and_its_switches_have_names():
+    scene = OnAFloor()
+    motion = hs.simulate(scene, hs.State([0.0], [0.0]), jnp.array(0), t1=1.0, ts=jnp.linspace(0, 1, 11))
+    t, force = hs.contact_forces(scene, motion)
+    assert t[5:7].tolist() == [0.5, 0.5]  # before the switch and after it
+    np.testing.assert_allclose(force[:, 0], [*[7.0] * 6, *[2.0] * 5, *[0.0] * 4], atol=1e-12)
+    assert motion.events.to_pandas().contact.tolist() == ["second gear", "third gear"]
+    assert "second gear" in str(motion) and hs.plot_contacts(scene, motion).axes
