@@ -16,7 +16,7 @@ from .export.datasets import with_structure, write_netcdf
 from .export.solution import solution_dataset, solution_events, solution_samples
 from .export.text import preformatted, rows_shown
 from .export.trees import as_text
-from .numerics.event_times import first_times
+from .numerics.event_times import first_times, sequence_number
 from .numerics.sample_times import at_times
 from .outcome import Steps, end_told
 from .status import Status
@@ -40,6 +40,12 @@ class SolutionEvents(eqx.Module):
     """How many events there were."""
     names: tuple[str, ...] | None = eqx.field(static=True, default=None)
     """The name of each number in `guard`, where the system has `event_names` or its comparisons are events."""
+
+    @property
+    def sequence(self) -> Int[Array, "*batch"]:
+        """A number that two motions share if the same guards fell in the same order (else only by a rare accident).
+        Where it changes between two steps of an optimiser, J may have a kink or a jump."""
+        return sequence_number(self.guard, self.count)
 
     def name(self, number: int) -> str:
         """What an event of this number is called; "" for the -1 of a row beyond `count`."""

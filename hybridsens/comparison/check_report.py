@@ -1,5 +1,6 @@
 """The outcome of a gradient check, and how it reads."""
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ _ALL_ZERO = (
     "Every derivative is zero: make sure that the cost reads the motion of its scene, and that the events happen whose "
     "rows it reads."
 )
+_NUMBERED = "0:2 is event 2 of motion 0 of the cost, both counted from 0."
 
 
 class GradientCheck(NamedTuple):
@@ -56,7 +58,9 @@ class GradientCheck(NamedTuple):
         wrong = [entry.parameter for entry in self.parameters if entry.verdict]
         events = [entry.label for entry in self.events if entry.verdict]
         doubt = wrapped(f"In doubt: parameters {_listed(wrong) or '-'}; events {_listed(events) or '-'}.", 4)
-        return "\n".join([*lines, "", doubt, *map(_cause_line, self.causes)])
+        causes = [_cause_line(cause) for cause in self.causes]
+        numbered = [_NUMBERED] if re.search(r"\d:\d", "".join(causes)) else []
+        return "\n".join([*lines, "", doubt, *causes, *numbered])
 
     def _shown(self) -> list[ParameterCheck]:
         """The parameters that have a row: of many the first ones, those in doubt before others."""

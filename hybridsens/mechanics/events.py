@@ -6,7 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Bool, Float, Int
 
 from ..export.trajectory import events_frame
-from ..numerics.event_times import first_times
+from ..numerics.event_times import first_times, sequence_number
 from .mode import EventKind
 from .scene import State
 
@@ -37,6 +37,12 @@ class Events(eqx.Module):
     """How many events there were."""
     mode: Any = None
     """Modes of a scene with switches just after, of the mode's structure with a leading axis (event,); else None."""
+
+    @property
+    def sequence(self) -> Int[Array, "*batch"]:
+        """A number that two motions share if they have the same events in the same order, by kind and contact (else
+        only by a rare accident). Where it changes between two steps of an optimiser, J may have a kink or a jump."""
+        return sequence_number(self.kind + len(EventKind) * self.contact, self.count)
 
     def to_pandas(self):
         """A pandas DataFrame with a row for each event that there was: time, kind, contact, closing speed, impulse of

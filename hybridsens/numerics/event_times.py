@@ -1,7 +1,7 @@
-"""The times of some of a motion's events, for costs that read them."""
+"""What costs and studies read of all events of a motion: the times of some of them, and their order."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 
 def first_times(
@@ -17,3 +17,13 @@ def first_times(
     rows = jnp.argsort(~wanted, axis=-1, stable=True)[..., :count]
     found = jnp.take_along_axis(wanted, rows, -1)
     return jnp.where(found, jnp.take_along_axis(time, rows, -1), jnp.inf)
+
+
+def sequence_number(code: Int[Array, "*batch event"], count: Int[Array, "*batch"]) -> Int[Array, "*batch"]:
+    """A number that two motions share if their first `count` events have the same codes (else only by a rare accident).
+
+    A polynomial modulo 2^32 with one digit, made of the code, for each event."""
+    happened = jnp.arange(code.shape[-1]) < count[..., None]
+    powers = jnp.cumprod(jnp.full(code.shape[-1:], 2654435761, jnp.uint32))
+    terms = jnp.where(happened, powers * (1 + code).astype(jnp.uint32), 0)
+    return jnp.sum(terms, axis=-1, dtype=jnp.uint32).astype(jnp.int32)

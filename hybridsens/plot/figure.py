@@ -105,7 +105,10 @@ def _sample_times(name: str, motion: Trajectory | Solution) -> np.ndarray:
     if motion.ts is None:
         raise ValueError(f"`{name}` must have samples to be drawn, but has none: pass `ts=` where it is made.")
     if motion.ts.ndim != 1:
-        raise ValueError(f"`{name}` must be one motion, but is a batch of {motion.ts.shape[:-1]}.")
+        raise ValueError(
+            f"`{name}` must be one motion, but is a batch of {motion.ts.shape[:-1]}: draw one of them, `{name}[0]`, or "
+            f"all by xarray, `{name}.to_xarray()`, whose samples have the axes run and time."
+        )
     if motion.ts.size == 0:
         raise ValueError(
             f"`ts` must hold at least one time where `{name}` is made, since its samples are drawn, but is empty."

@@ -29,6 +29,7 @@ _MEANING = {
     "event_kind": "kinds of the first events",
     "event_contact": "contacts of the first events",
     "event_guard": "guards of the first events",
+    "sample_time": "times asked for",
     "q": "configurations at the times asked for",
     "v": "velocities at the times asked for",
 }
@@ -37,6 +38,7 @@ _INNER = {
     "event_kind": ("event",),
     "event_contact": ("event",),
     "event_guard": ("event",),
+    "sample_time": ("sample",),
     "q": ("sample", "dof"),
     "v": ("sample", "dof"),
 }

@@ -191,7 +191,11 @@ def _table(scene, bounds: Bounds, unit: np.ndarray, kind: str) -> Design:
 def _sobol_points(dimensions: int, points: Count, seed: int) -> np.ndarray:
     points = _positive(points)
     if points & (points - 1):
-        raise ValueError(f"The number of points of a Sobol sequence must be a power of two, but is {points}.")
+        below = 1 << (points.bit_length() - 1)
+        raise ValueError(
+            "The number of points of a Sobol sequence, and `base` of a Saltelli design, must be a power of two, but is "
+            f"{points}: take {below} or {2 * below}."
+        )
     return qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random_base2(points.bit_length() - 1)
 
 

@@ -118,18 +118,15 @@ def border_lines(x: np.ndarray, y: np.ndarray, sequence: np.ndarray) -> list:
 
 
 def plot_bifurcation(
-    dataset: "xr.Dataset", state: str = "q", component: int = 0, axes: Axes | None = None
+    dataset: "xr.Dataset", state: str | None = None, component: int = 0, axes: Axes | None = None
 ) -> Figure:
     """Bifurcation diagram: a state at each of the times asked for, over one parameter.
 
     Arguments: a sweep over one parameter with `states=True`, at times one period of the forcing apart, after the motion
-    has settled; the name of a state, as "q" or "v", and its component. A cross at the foot marks a point without a
-    motion. Raises ValueError if the Dataset is not of that kind.
+    has settled; the name of a state, as "v" or "x.current" (default: "q", or a system's only one), and its component. A
+    cross at the foot marks a point without a motion. Raises ValueError if the Dataset is not of that kind.
     """
-    if state not in dataset:
-        raise ValueError(
-            f"A bifurcation diagram must have the states {state!r}, but the sweep kept none: use states=True."
-        )
+    state = _sampled_state(dataset, state)
     values, named = dataset[state], state
     if values.dims[-1] != "sample":  # one of its coordinates
         values, named = values.isel({values.dims[-1]: component}), f"{state}[{component}]"
@@ -152,6 +149,20 @@ def plot_bifurcation(
     axes.set_xlabel(_label(dataset[parameter]))
     axes.set_ylabel(f"{named}, sampled")
     return axes.figure  # pyright: ignore[reportReturnType]
+
+
+def _sampled_state(dataset: "xr.Dataset", wanted: str | None) -> str:
+    """The state that is to be drawn."""
+    kept = [str(name) for name, values in dataset.items() if "sample" in values.dims and name != "sample_time"]
+    if wanted in kept:
+        return wanted
+    if wanted is None and ("q" in kept or len(kept) == 1):
+        return "q" if "q" in kept else kept[0]
+    if not kept:
+        raise ValueError("A bifurcation diagram must have states, but the sweep kept none: use states=True.")
+    given = "is not told which" if wanted is None else f"is told {wanted!r}"
+    names = ", ".join(f"state={name!r}" for name in kept)
+    raise ValueError(f"A bifurcation diagram must have one of the states that were kept, but {given}: say {names}.")
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:

@@ -93,24 +93,24 @@ def _value_and_trajectory(out, wanted: Wanted):
 
 
 def _samples(motion: Trajectory | Solution) -> dict[str, Any]:
-    """States at the times asked for: q and v, or the leaves of x by their names."""
+    """The times asked for and the states there: q and v, or the leaves of x by their names."""
     if isinstance(motion, Trajectory):
-        return {"q": motion.q, "v": motion.v}
+        return {"sample_time": motion.ts, "q": motion.q, "v": motion.v}
     leaves = jax.tree_util.tree_leaves_with_path({"x": motion.x})
-    return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
+    states = {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
+    return {"sample_time": motion.ts} | states
 
 
 def _event_summary(motion: Trajectory | Solution, kept: int) -> dict[str, Any]:
     events = motion.events
     happened = jnp.arange(events.time.shape[0]) < events.count
     if isinstance(events, Events):
-        kind, place, own = events.kind, events.contact, _of_contacts(events, happened, kept)
+        own = _of_contacts(events, happened, kept)
     else:
-        kind, place = jnp.zeros_like(events.guard), events.guard
         own = {"event_guard": events.guard[:kept].astype(jnp.int32)}
     return own | {
         "event_count": events.count.astype(jnp.int32),
-        "event_sequence": _sequence(kind, place, happened),
+        "event_sequence": events.sequence,
         "steps": (motion.steps.accepted + motion.steps.rejected).astype(jnp.int32),
         "event_time": jnp.where(happened, events.time, jnp.nan)[:kept],
     }
@@ -138,13 +138,3 @@ def _dies_away(events, happened):
     captured = jnp.any(cascade & (kind == EventKind.CAPTURE), axis=1)
     fast = speed >= (1 - 1e-3) * jnp.max(jnp.where(cascade, speed, 0), axis=1, initial=0)
     return captured & ~jnp.any(cascade & fast & (row >= row[:, None]), axis=1)
-
-
-def _sequence(kind, contact, happened):
-    """A number that two motions share if they have the same events in the same order (else only by a rare accident).
-
-    A polynomial modulo 2^32 with one digit, made of kind and contact, for each event.
-    """
-    powers = jnp.cumprod(jnp.full(kind.shape, 2654435761, jnp.uint32))
-    digit = (1 + kind + len(EventKind) * contact).astype(jnp.uint32)
-    return jnp.sum(jnp.where(happened, powers * digit, 0), dtype=jnp.uint32).astype(jnp.int32)

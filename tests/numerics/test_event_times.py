@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
-from hybridsens.numerics.event_times import first_times
+from hybridsens.numerics.event_times import first_times, sequence_number
 from tests.closeness import assert_close
 
 
@@ -69,3 +69,11 @@ def test_what_cannot_be_asked_for_is_told():
     for count in (0, 4):
         with pytest.raises(ValueError, match=rf"from 1 to max_events = 3, but is {count}"):
             events.times_of(0, count)
+
+
+def test_a_sequence_has_a_number_of_its_own():
+    """The same events give the same, whatever stands in rows beyond them; another order, or one more, another."""
+    codes = jnp.array([[0, 5, 2, -1], [0, 5, 2, 7], [5, 0, 2, -1], [0, 5, -1, -1], [0, 5, 2, 7]])
+    first, same, swapped, shorter, longer = sequence_number(codes, jnp.array([3, 3, 3, 2, 4])).tolist()
+    assert first == same and len({first, swapped, shorter, longer}) == 4
+    assert int(sequence_number(codes[0], jnp.array(3))) == first

@@ -109,8 +109,9 @@ def test_a_bifurcation_diagram_shows_period_one_where_the_motion_repeats():
     drawn = plot_bifurcation(found).axes[0].lines[0]
     np.testing.assert_allclose(drawn.get_ydata(), expected.ravel(), atol=1e-7)
     np.testing.assert_array_equal(drawn.get_xdata(), np.repeat(frequencies, 3))
-    with pytest.raises(ValueError, match="must have the states 'q'"):
-        plot_bifurcation(found.drop_vars("q"), axes=Figure().subplots())
+    np.testing.assert_allclose(found.sample_time, (2 * np.pi / frequencies)[:, None] * np.arange(30, 33))
+    with pytest.raises(ValueError, match="the sweep kept none"):
+        plot_bifurcation(found.drop_vars(["q", "v"]), axes=Figure().subplots())
 
 
 @pytest.mark.parametrize("state, dims", [("x", ()), ("x.v", ()), ("x.r", ("x.r_0",))])
@@ -118,9 +119,12 @@ def test_a_bifurcation_diagram_of_a_system_takes_a_leaf_of_its_state(state, dims
     """A number as it is, and of an array the component asked for."""
     values = np.arange(12.0).reshape(2, 3, 2)
     leaf = xr.DataArray(values if dims else values[..., 1], {"a": [1.0, 2.0]}, ("a", "sample", *dims))
-    axes = plot_bifurcation(xr.Dataset({state: leaf}), state, component=1).axes[0]
+    axes = plot_bifurcation(xr.Dataset({state: leaf}), component=1).axes[0]  # the only one is meant
     assert axes.lines[0].get_ydata().tolist() == values[..., 1].ravel().tolist()
-    assert axes.get_ylabel() == f"{state}[1], sampled" if dims else f"{state}, sampled"
+    assert axes.get_ylabel() == (f"{state}[1], sampled" if dims else f"{state}, sampled")
+    several = xr.Dataset({state: leaf, "x.other": leaf, "sample_time": leaf})
+    with pytest.raises(ValueError, match=f"is not told which: say state='{state}', state='x.other'"):
+        plot_bifurcation(several)
 
 
 @pytest.mark.slow
