@@ -44,6 +44,14 @@ def test_a_guess_next_to_0_is_left_too(bounds):
     assert found.converged and found.values[0] == pytest.approx(SLOPE - 1.2, rel=1e-5)
 
 
+@pytest.mark.parametrize("unit", [1.0, pytest.param(1e9, marks=pytest.mark.slow)])
+def test_a_guess_on_its_bound_begins_inside_by_its_size(unit):
+    """Where it began a millionth inside, whatever its size, the fit crept along a plateau."""
+    found = fit(Faster(1.2, 1.0, 0.0, unit), RECORD, parameters="more", bounds={"more": "positive"}, **ROOM)
+    assert found.converged and found.values[0] * unit == pytest.approx(SLOPE - 1.2, rel=1e-5)
+    assert 0.01 < found.guess[0] * unit < 1 and found.iterations < 10
+
+
 @pytest.mark.slow
 def test_a_guess_of_0_that_is_right_is_where_the_fit_ends():
     """Assert that no size is made of residuals that are rounding."""
