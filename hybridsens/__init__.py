@@ -61,6 +61,7 @@ if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and edi
         plot_contacts,
         plot_coordinates,
         plot_costate,
+        plot_fan,
         plot_gradients,
         plot_path,
         plot_phase,
@@ -91,8 +92,8 @@ _BY_MODULE = {
     "comparison.work_precision": "WorkPrecision work_precision",
     "comparison.work_precision_plot": "plot_work_precision",
     "estimation": "FitResult GrowingHorizon Measurements RandomStarts fit measurements read_measurements",
-    "plot": "Animation animate contact_forces costate plot_contacts plot_coordinates plot_costate plot_gradients "
-    "plot_path plot_phase plot_solution plot_trajectory",
+    "plot": "Animation animate contact_forces costate plot_contacts plot_coordinates plot_costate plot_fan "
+    "plot_gradients plot_path plot_phase plot_solution plot_trajectory",
     "sweeps": "Design dgsm grid latin_hypercube plot_bifurcation plot_sweep saltelli sobol sobol_indices sweep",
 }
 _STUDIES = {name: module for module, names in _BY_MODULE.items() for name in names.split()}
@@ -106,10 +107,10 @@ __all__ = [
     "RandomStarts", "RecordedStep", "Replay", "Settings", "SimulationError", "Solution", "SolutionEvents", "State",
     "Status", "StepBack", "Steps", "Trajectory", "WorkPrecision", "animate", "check_gradient", "compare", "configure",
     "contact_forces", "costate", "dgsm", "fit", "grid", "latin_hypercube", "load", "lyapunov", "measurements", "planar",
-    "plot_bifurcation", "plot_comparison", "plot_contacts", "plot_coordinates", "plot_costate", "plot_gradients",
-    "plot_path", "plot_phase", "plot_solution", "plot_sweep", "plot_trajectory", "plot_work_precision",
-    "read_measurements", "saltelli", "scenes", "simulate", "sobol", "sobol_indices", "solve", "sweep", "systems",
-    "work_precision",
+    "plot_bifurcation", "plot_comparison", "plot_contacts", "plot_coordinates", "plot_costate", "plot_fan",
+    "plot_gradients", "plot_path", "plot_phase", "plot_solution", "plot_sweep", "plot_trajectory",
+    "plot_work_precision", "read_measurements", "saltelli", "scenes", "simulate", "sobol", "sobol_indices", "solve",
+    "sweep", "systems", "work_precision",
 ]  # fmt: skip
 
 

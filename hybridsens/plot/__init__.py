@@ -7,6 +7,7 @@ from .contacts import plot_contacts as plot_contacts
 from .derivatives import costate as costate
 from .derivatives import plot_costate as plot_costate
 from .derivatives import plot_gradients as plot_gradients
+from .fan import plot_fan as plot_fan
 from .motion import plot_coordinates as plot_coordinates
 from .motion import plot_phase as plot_phase
 from .motion import plot_trajectory as plot_trajectory

@@ -107,7 +107,7 @@ def _sample_times(name: str, motion: Trajectory | Solution) -> np.ndarray:
     if motion.ts.ndim != 1:
         raise ValueError(
             f"`{name}` must be one motion, but is a batch of {motion.ts.shape[:-1]}: draw one of them, `{name}[0]`, or "
-            f"all by xarray, `{name}.to_xarray()`, whose samples have the axes run and time."
+            f"where most of them are, `plot_fan({name})`."
         )
     if motion.ts.size == 0:
         raise ValueError(
