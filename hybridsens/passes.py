@@ -143,13 +143,10 @@ def _follow_jvp(primals, tangents):
         )
     motion = _follow(problem, options, motion)  # where this is differentiated again, by the derivative around it
     d_problem = tangents[0]
-    parameters = eqx.filter(problem.system, eqx.is_inexact_array)
-    d_system = filled(parameters, d_problem.system)
+    d_system = filled(eqx.filter(problem.system, eqx.is_inexact_array), d_problem.system)
     d_ends = tuple(filled(p, d) for p, d in zip(problem[1:4], d_problem[1:4], strict=True))
     solver = options.settings.replay_solver(_flow_size(problem, options))
-    control = _control(options.settings, solver)
-    impatient_peak = control.of_direction(parameters, d_system, problem.x0, d_ends[0], impatient=True)
-    forward = ForwardPass(problem.system, d_system, solver, control, impatient_peak)
+    forward = ForwardPass(problem.system, d_system, solver, _control(options.settings, solver))
     motion, d = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
     moved = lambda m: (m.t, m.x, m.steps.t, m.steps.x, m.events.states)

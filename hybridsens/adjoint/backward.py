@@ -53,8 +53,8 @@ def pull_back(
         # The error allowed to a step is relative to dJ/dtheta, whose size is known after a sweep.
         number, at, _ = carry
         gathered, worst = at.gathered.unpack(), at.worst.unpack()
-        worst_ratio = backward.control.of_gradient(backward.step_parameters, gathered, worst, at.peak, at.tries)
-        return (number == 0) | ((number == 1) & (worst_ratio > 1))
+        unresolved = backward.control.of_gradient(backward.step_parameters, gathered, worst, at.peak) > 1
+        return (number == 0) | ((number == 1) & unresolved)
 
     _, at, by_events = lax.while_loop(goes_on, sweep, (jnp.array(0), start, no_gradient))
     # Out of tries the gradient is not finished: a wrong one must not pass.

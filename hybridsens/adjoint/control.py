@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 FLOOR = 1e-2
 """Each entry is resolved relative to itself, but to no less than this part of the largest entry."""
@@ -60,7 +60,7 @@ class DerivativeControl(eqx.Module):
         unit = jnp.abs(x) + self.least_state
         ratio, size = self._of_entries(unit, before, after, error, peak)
         rounded = is_noise(jnp.max(jnp.abs(error) / unit, initial=0), peak, roundings=1)
-        return jnp.where(rounded & self.is_impatient(tries), 0, ratio), size
+        return jnp.where(rounded & (tries > PATIENCE * self.most_tries), 0, ratio), size
 
     def of_costate(self, x, before, after, error, peak) -> tuple[Array, Array]:
         """The same of a costate, whose units are the inverse ones."""
@@ -72,39 +72,34 @@ class DerivativeControl(eqx.Module):
         ratio = _largest_ratio(jnp.abs(error), own + FLOOR * size * unit) / self.rtol
         return jnp.where(is_noise(size, peak), 0, ratio), size
 
-    def is_impatient(self, tries) -> Bool[Array, ""]:
-        """Whether so many tries are spent that errors which may be rounding are taken for it."""
-        return tries > PATIENCE * self.most_tries
-
-    def of_direction(self, parameters, d_parameters, x0, dx0, impatient=False) -> Float[Array, ""]:
-        """Size of a direction: relative to what each parameter may change by, and to the state. It is the first `peak`:
-        a tangent that is smaller by rounding is none."""
+    def of_direction(self, parameters, d_parameters, x0, dx0) -> Float[Array, ""]:
+        """Size of a direction: relative to each parameter, or to 1 if that is more, and to the state. It is the first
+        `peak`: a tangent that is smaller by rounding is none."""
         sizes = [jnp.max(jnp.abs(dx0) / (jnp.abs(x0) + self.least_state), initial=0)]
         for parameter, direction in zip(*map(jax.tree.leaves, (parameters, d_parameters)), strict=True):
             most = jnp.max(jnp.abs(direction), initial=0)
-            sizes.append(most / _reach(parameter, impatient))
+            sizes.append(most / jnp.maximum(jnp.max(jnp.abs(parameter), initial=0), 1))
         return lax.stop_gradient(jnp.max(jnp.stack([jnp.asarray(size, x0.dtype) for size in sizes])))
 
-    def of_gradient(self, parameters, gathered, error, peak, tries) -> Float[Array, ""]:
+    def of_gradient(self, parameters, gathered, error, peak) -> Float[Array, ""]:
         """Error of what a step adds to dJ/dtheta over what is allowed.
 
         Measured by all that is `gathered`, without cancellation: so neither the unit of a parameter matters nor its
         value, which may be 0. Entries of one array are resolved down to a part of its largest. A parameter that changes
-        J by no more than rounding, by all that it may change by, has no error, and an error of a few roundings is none
-        either."""
+        J by no more than rounding, by its whole value or by 1, has no error, and an error of a few roundings
+        is none either."""
         worst = jnp.zeros_like(peak)
         for parameter, so_far, wrong in zip(*map(jax.tree.leaves, (parameters, gathered, error)), strict=True):
-            of_leaf = self._of_leaf(parameter, so_far, wrong, peak, tries)
-            worst = jnp.maximum(worst, of_leaf.astype(worst.dtype))
+            worst = jnp.maximum(worst, self._of_leaf(parameter, so_far, wrong, peak).astype(worst.dtype))
         return worst / (PART * self.rtol)
 
-    def _of_leaf(self, parameter, gathered, error, peak, tries):
+    def _of_leaf(self, parameter, gathered, error, peak):
         if parameter.size == 0:
             return jnp.zeros_like(peak)
         gathered = jnp.real(gathered)  # sizes, in the type of the parameter, which may be complex
         most = jnp.max(gathered)
         ratio = _largest_ratio(jnp.abs(error), gathered + FLOOR * most)
-        reach = _reach(parameter, self.is_impatient(tries))
+        reach = jnp.maximum(jnp.max(jnp.abs(parameter)), 1)
         # Near rest an effect may be as small as the rounding of what it is made from: no shorter step would mend that.
         rounded = is_noise(jnp.max(jnp.abs(error)) * reach, peak, ROUNDED)
         return jnp.where(is_noise(most * reach, peak) | rounded, 0, ratio)
@@ -119,15 +114,6 @@ class DerivativeControl(eqx.Module):
     def cut(self, width):
         """Length of the parts into which a step longer than `width` is cut."""
         return width * REFINED ** (1 / self.order)
-
-
-def _reach(parameter, impatient):
-    """What a parameter may change by: its whole value, or 1 if that is more.
-
-    The effect of a mass of 1e-9 that cancels out of the motion is rounding made large by 1 / mass, which no shorter
-    step would mend: out of patience, a parameter changes by its value alone, where it has one."""
-    size = jnp.max(jnp.abs(parameter), initial=0)
-    return jnp.where(impatient & (size > 0), size, jnp.maximum(size, 1))
 
 
 def of_all_directions(ratio):

@@ -55,8 +55,6 @@ class ForwardPass(NamedTuple):
     """Its tangent: a number for every parameter."""
     solver: diffrax.AbstractSolver
     control: DerivativeControl
-    impatient_peak: Float[Array, ""]
-    """The least size that dx counts as having had, out of patience."""
 
 
 class Pushed(NamedTuple):
@@ -171,8 +169,7 @@ def _through_steps(forward: ForwardPass, motion: Motion, j, start: ForwardPlace)
         reaches = step_end - place.t <= place.width
         t1 = jnp.where(reaches, step_end, place.t + control.cut(place.width))
         (x1, _), (dx1, d_error) = _push_step(forward, mode, place, t1)
-        peak = jnp.where(control.is_impatient(place.tries), jnp.maximum(place.peak, forward.impatient_peak), place.peak)
-        ratio, size = control.of_state(place.x, place.dx, dx1, d_error, peak, place.tries)
+        ratio, size = control.of_state(place.x, place.dx, dx1, d_error, place.peak, place.tries)
         accepted, width = control.judge(of_all_directions(ratio), t1 - place.t, place.width)
         finest = t1 - place.t <= time_resolution(t1, 2)  # cannot be cut
         accepted, width = accepted | finest, jnp.where(finest, place.width, width)

@@ -212,7 +212,7 @@ def _judge(backward: BackwardPass, x, at: BackwardState, step: StepBack, h, widt
 
     def of_gradient():
         scale = jax.tree.map(jnp.maximum, at.gathered, at.least_scale).unpack()
-        return control.of_gradient(backward.step_parameters, scale, step.total_error.unpack(), peak, at.tries)
+        return control.of_gradient(backward.step_parameters, scale, step.total_error.unpack(), peak)
 
     looks = at.judges_gradient & ~is_noise(size, peak)
     ratio = jnp.maximum(ratio, lax.cond(looks, of_gradient, lambda: jnp.zeros_like(ratio)))

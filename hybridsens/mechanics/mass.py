@@ -12,11 +12,14 @@ import jax.numpy as jnp
 import lineax as lx
 import numpy as np
 from jax import lax
+from jax.extend.core import jaxprs_in_params
 from jaxtyping import Array, Bool, Float
 
 from ..interval.arithmetic import Interval
+from ..interval.calls import called
 from ..interval.enclosure import ranges
 from ..interval.kind import Kind, kinds
+from ..interval.repeats import needed_for
 from ..numerics.dense import linear_solve, pivots, refined, solve_spd
 from .scene import AbstractScene
 from .wrapped import Fixed, WrappedScene
@@ -159,7 +162,8 @@ def with_known_mass(scene: AbstractScene, q) -> AbstractScene:
 
 def _form(trace) -> Literal["identity", "diagonal", "dense"]:
     """The form of a matrix for whatever parameters and q, from the range of each of its entries."""
-    if any(isinstance(constant, jax.core.Tracer) for constant in trace.consts) or not _all_real(trace.in_avals):
+    traced = any(isinstance(constant, jax.core.Tracer) for constant in trace.consts)
+    if traced or not _all_real(trace.in_avals) or _has_rules_of_a_user(trace.jaxpr):
         return "dense"
     with jax.ensure_compile_time_eval():
         (entries,) = ranges(trace, [_anything(aval) for aval in trace.in_avals])
@@ -174,9 +178,17 @@ def _all_real(avals) -> bool:
     return all(jnp.issubdtype(aval.dtype, jnp.floating) for aval in avals)
 
 
+def _has_rules_of_a_user(jaxpr) -> bool:
+    """Whether a derivative rule was written by hand: what is 0 everywhere may have a derivative then."""
+    own = lambda equation: equation.primitive.name in ("custom_jvp_call", "custom_vjp_call") and not called(equation)
+    inside = lambda equation: map(_has_rules_of_a_user, jaxprs_in_params(equation.params))
+    needed, _ = needed_for(list(jaxpr.eqns), list(jaxpr.outvars))
+    return any(own(equation) or any(inside(equation)) for equation in needed)
+
+
 def _anything(aval) -> Interval:
-    """All numbers that are so far from the largest one that their powers are finite: zero times infinity is unknown."""
-    most = jnp.full(aval.shape, float(jnp.finfo(aval.dtype).max) ** 0.25, aval.dtype)
+    """All numbers but the very largest (3e34 in single precision): zero times what overflows is not known to be 0."""
+    most = jnp.full(aval.shape, float(jnp.finfo(aval.dtype).max) ** 0.9, aval.dtype)
     return Interval(-most, most)
 
 
