@@ -43,3 +43,33 @@ def test_a_spring_that_is_not_stretched_yet_has_a_derivative():
     reverse = jax.grad(place)(scene, hs.Replay())
     for found, expected in zip(*map(jax.tree.leaves, (forward, reverse)), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+class Shaken(hs.AbstractScene):
+    """A free mass under a sin 40 t."""
+
+    amplitude: jax.Array
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v):
+        return self.amplitude * jnp.sin(40.0 * t)[None]
+
+    def gap(self, t, q):
+        return q + 1e3
+
+    def restitution(self):
+        return jnp.array([0.5])
+
+
+def test_a_small_parameter_of_a_large_effect_is_resolved_through_many_steps():
+    """dq/da = T / 40 - sin(40 T) / 1600, however small a is: however many steps are spent, no error of it is rounding.
+
+    The motion is trivial, so that none of these steps is one of its own."""
+    start = hs.State(jnp.zeros(1), jnp.zeros(1))
+    shaken = lambda a, adjoint: hs.simulate(Shaken(a), start, t1=30.0, adjoint=adjoint).final.q[0]
+    reverse = jax.jit(jax.grad(lambda a: shaken(a, hs.Replay())))
+    forward = jax.jit(jax.jacfwd(lambda a: shaken(a, hs.ForwardSensitivities())))
+    found = [[float(slope(jnp.array(a))) for a in (0.0, 1e-14, 1e-11)] for slope in (reverse, forward)]
+    np.testing.assert_allclose(found, np.full((2, 3), 30 / 40 - np.sin(1200.0) / 1600), rtol=1e-4)
