@@ -20,7 +20,7 @@ from ..interval.calls import called
 from ..interval.enclosure import ranges
 from ..interval.kind import Kind, kinds
 from ..interval.repeats import needed_for
-from ..numerics.dense import linear_solve, pivots, refined, solve_spd
+from ..numerics.dense import UNROLLED, linear_solve, pivots, refined, solve_spd
 from .scene import AbstractScene
 from .wrapped import Fixed, WrappedScene
 
@@ -144,8 +144,8 @@ class KnownMass(WrappedScene):
 def with_known_mass(scene: AbstractScene, q) -> AbstractScene:
     """The scene, with what the trace tells of a mass matrix that is an array.
 
-    The identity and a diagonal one are solved as such; of another that does not depend on q the inverse is found once,
-    but for that of two coordinates, which is no work."""
+    The identity and a diagonal one are solved as such; of another that does not depend on q the inverse is found once.
+    A small one is left as it is: to eliminate it costs no more than to apply an inverse."""
     if not _is_dense(scene, q):
         return scene
     leaves, rest = eqx.partition(scene, eqx.is_array)
@@ -154,7 +154,7 @@ def with_known_mass(scene: AbstractScene, q) -> AbstractScene:
     if form != "dense":
         return KnownMass(scene, form, None)
     fixed = [np.zeros(leaf.shape, int) for leaf in jax.tree.leaves(leaves)]
-    if q.shape[0] <= 2 or (kinds(trace, [*fixed, np.full(q.shape, Kind.AFFINE)]) != Kind.CONSTANT).any():
+    if q.shape[0] <= UNROLLED or (kinds(trace, [*fixed, np.full(q.shape, Kind.AFFINE)]) != Kind.CONSTANT).any():
         return scene
     matrix = lax.stop_gradient(_as_array(scene, q))
     return KnownMass(scene, "dense", Fixed.of(solve_spd(matrix, jnp.eye(q.shape[0], dtype=q.dtype)), q.dtype))

@@ -1,8 +1,7 @@
 """Symmetric positive definite systems of any size, with one derivative rule: A dx = db - dA x.
 
 A call into LAPACK inside a compiled loop costs more than a small elimination itself and keeps XLA from compiling the
-loop into one kernel, so small systems are inverted by a loop of pivots. (Written out, an elimination of three or four
-unknowns compiles longer, and runs no faster: XLA makes a kernel of each of its quotients.)
+loop into one kernel, so small systems are written out, and those of middle size are inverted by a loop of pivots.
 """
 
 import jax
@@ -14,6 +13,8 @@ from jaxtyping import Array, Bool, Float
 
 from .batch_axes import batch_in_front
 
+UNROLLED = 4
+"""Up to this many unknowns the elimination is written out: it takes n^3 / 6 operations to compile."""
 SMALL = 8
 """Up to this many all of a matrix is inverted where some of it would do: to look for these takes two loops more, and
 compiling them takes longer than all pivots of many motions."""
@@ -34,7 +35,8 @@ def solve_spd(matrix: Float[Array, "n n"], right: Float[Array, "n *m"]) -> Float
 
 @jax.custom_jvp
 def _solve_for_two(matrix, right):
-    """By the inverse, written out."""
+    """By the inverse: an elimination has a quotient for every entry, and XLA makes a kernel of each. (Of three and four
+    unknowns the inverse, written out, compiles half as long again as the elimination.)"""
     return batch_in_front(_inverse_of_two(matrix) @ right)
 
 
@@ -77,6 +79,9 @@ def linear_solve(product, right, solve) -> Array:
 
 def _solver(matrix):
     """A function of b that solves A x = b, made from A once."""
+    if matrix.shape[0] <= UNROLLED:
+        factors = _ldl(matrix)
+        return lambda b: _solve_ldl(*factors, b)
     if matrix.shape[0] <= LOOPED:
         return refined(matrix, _inverse(matrix))
     factor = jsl.cho_factor(matrix)
@@ -98,6 +103,8 @@ def pivots(matrix: Float[Array, "n n"]) -> Float[Array, "n"]:
 
     Where they are not, those after the first one that is not positive mean nothing."""
     n = matrix.shape[0]
+    if n <= UNROLLED:
+        return jnp.stack(_ldl(matrix)[1]) if n else jnp.zeros(0, matrix.dtype)
     if n <= LOOPED:
         take = lambda k, carry: (principal_pivot(carry[0], k), carry[1].at[k].set(carry[0][k, k]))
         return lax.fori_loop(0, n, take, (matrix, jnp.zeros(n, matrix.dtype)))[1]
@@ -137,6 +144,29 @@ def _inverse(matrix):
     return lax.fori_loop(0, matrix.shape[0], lambda k, T: principal_pivot(T, k), matrix)
 
 
+def _ldl(A):
+    """A = L D L^T with unit lower triangular L, as nested lists of scalars."""
+    n = A.shape[0]
+    L = [[None] * n for _ in range(n)]
+    d = []
+    for j in range(n):
+        d.append(A[j, j] - sum(L[j][k] ** 2 * d[k] for k in range(j)))
+        for i in range(j + 1, n):
+            L[i][j] = (A[i, j] - sum(L[i][k] * L[j][k] * d[k] for k in range(j))) / d[j]
+    return L, d
+
+
+def _solve_ldl(L, d, b):
+    n = len(d)
+    y = []
+    for i in range(n):
+        y.append(b[i] - sum(L[i][k] * y[k] for k in range(i)))
+    x: list = [None] * n
+    for i in reversed(range(n)):
+        x[i] = y[i] / d[i] - sum(L[k][i] * x[k] for k in range(i + 1, n))
+    return jnp.stack(x)
+
+
 def solve_masked(
     matrix: Float[Array, "n n"], right: Float[Array, "n"], members: Float[Array, "n"]
 ) -> Float[Array, "n"]:
@@ -145,7 +175,7 @@ def solve_masked(
     Beyond `SMALL` by one pivot for every member: what has few members costs little. (Outside of S it is the identity,
     which pivots leave as it is.)"""
     masked = matrix * jnp.outer(members, members) + jnp.diag(1 - members)
-    if matrix.shape[0] <= 2:
+    if matrix.shape[0] <= UNROLLED:
         return solve_spd(masked, right * members)
     held = lax.stop_gradient(masked)
     is_small = matrix.shape[0] <= SMALL

@@ -58,9 +58,9 @@ def stand(scene, t1):
     return hs.simulate(scene, AT_REST, t0=scene.origin, t1=scene.origin + t1, max_events=32, throw=False)
 
 
-def assert_stands(trajectory, *statuses):
+def assert_stands(trajectory):
     """The truth while the load is between the feet: nothing moves, nothing strikes."""
-    assert trajectory.status.name in ("successful", *statuses)
+    assert trajectory.status == hs.Status.successful
     np.testing.assert_allclose(trajectory.final.q, np.zeros(3), atol=1e-14)
     kinds = np.asarray(trajectory.events.kind)[: int(trajectory.events.count)]
     assert (kinds == hs.EventKind.RELEASE).all()
@@ -97,11 +97,9 @@ def test_a_load_that_swings_along_a_diagonal_moves_nothing(frequency):
 
 
 def test_a_load_that_touches_a_diagonal_and_turns_moves_nothing():
-    """Its foot has no force for an instant, at which the force's rate is 0 too: what is let go then comes back.
-
-    Rounding decides at which of many instants that is, and whether a force is seen to jump there."""
+    """Its foot has no force for an instant, at which the force's rate is 0 too: what is let go then comes back."""
     trajectory = stand(table((0.0, 0.1), (0.125 * np.pi / 2, 0.0), frequency=np.pi / 2), 3.0)
-    assert_stands(trajectory, "guard_jumps")
+    assert_stands(trajectory)
     assert np.abs(trajectory.events.time[: int(trajectory.events.count)] - 1).max(initial=0) < 1e-6
 
 
