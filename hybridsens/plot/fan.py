@@ -30,14 +30,14 @@ def plot_fan(motions: Trajectory | Solution, scene: Any = None) -> Figure:
     whole = np.asarray(motions.status.reached_end)
     if not whole.any():
         raise ValueError(f"At least one of the motions must reach its end, but these are: {motions.status}.")
-    columns = _columns(motions, scene)
+    columns = _columns(motions, scene, whole)
     figure = new_figure((8, 1.2 + 1.8 * len(columns)))
     panels = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (name, values) in zip(panels, columns.items(), strict=True):
         for low, high, alpha, label in BANDS:
-            ends = np.quantile(values[whole], (low, high), axis=0)
+            ends = np.quantile(values, (low, high), axis=0)
             axes.fill_between(t, *ends, color=COLOURS[0], alpha=alpha, linewidth=0, label=label)
-        axes.plot(t, np.median(values[whole], axis=0), color=COLOURS[1], linewidth=1.4, label="median")
+        axes.plot(t, np.median(values, axis=0), color=COLOURS[1], linewidth=1.4, label="median")
         axes.set_ylabel(name)
     legend_above(panels[0])
     left_out = f", {np.sum(~whole)} that failed left out" if not whole.all() else ""
@@ -63,14 +63,14 @@ def _times_of_all(motions: Any) -> np.ndarray:
     return ts[0]
 
 
-def _columns(motions: Trajectory | Solution, scene: Any) -> dict[str, np.ndarray]:
-    """Name -> values (run, sample)."""
+def _columns(motions: Trajectory | Solution, scene: Any, whole: np.ndarray) -> dict[str, np.ndarray]:
+    """Name -> values (run, sample) of the motions that are whole."""
     if isinstance(motions, Trajectory):
-        q = np.asarray(motions.q)
+        q = np.asarray(motions.q)[whole]
         return dict(zip(coordinate_names(scene, q.shape[-1])[0], np.moveaxis(q, -1, 0), strict=True))
     found = {}
     for name, leaf in named_leaves("x", motions.x).items():
-        rows = np.asarray(leaf).reshape(*np.shape(leaf)[:2], -1)[..., :MOST]
+        rows = leaf[whole].reshape(np.sum(whole), leaf.shape[1], -1)[..., :MOST]
         entries = np.moveaxis(rows, -1, 0)
-        found |= {name: entries[0]} if np.ndim(leaf) == 2 else {f"{name}[{k}]": x for k, x in enumerate(entries)}
+        found |= {name: entries[0]} if leaf.ndim == 2 else {f"{name}[{k}]": x for k, x in enumerate(entries)}
     return found

@@ -66,3 +66,28 @@ def test_what_cannot_be_drawn_is_told(batch, unchecked):
     apart = jax.vmap(lambda speed: roll(speed, ts=TS * speed))(SPEEDS[1:])
     with pytest.raises(ValueError, match="their `ts` differ"):
         hs.plot_fan(apart)
+
+
+class Decay(hs.AbstractHybridSystem):
+    """A level that falls, beside a pair of numbers that stays."""
+
+    rate: jax.Array
+
+    def flow(self, t, x, mode):
+        return {"level": -self.rate * x["level"], "pair": jnp.zeros(2)}
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def transition(self, event, t, x, mode):
+        return x, mode
+
+
+def test_a_system_has_a_row_for_each_entry_of_its_state():
+    """The median of exp(-k t) is that of the median of k."""
+    start = {"level": jnp.array(1.0), "pair": jnp.array([2.0, 3.0])}
+    batch = jax.vmap(lambda rate: hs.solve(Decay(rate), start, t1=0.3, ts=TS))(SPEEDS)
+    level, *pair = hs.plot_fan(batch).axes
+    np.testing.assert_allclose(level.lines[0].get_ydata(), np.exp(-TS / 2), rtol=1e-7)
+    assert [axes.get_ylabel() for axes in (level, *pair)] == ["x.level", "x.pair[0]", "x.pair[1]"]
+    np.testing.assert_allclose(pair[1].lines[0].get_ydata(), 3.0)
