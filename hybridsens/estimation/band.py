@@ -45,5 +45,5 @@ def _spread(J: Float[np.ndarray, "*shape parameter"], uncertainty: Uncertainty) 
         return np.full(J.shape[:-1], np.nan)
     known, unknown = np.isfinite(variance), np.isinf(variance)
     of_known, C = J[..., known], uncertainty.covariance[np.ix_(known, known)]
-    error = np.sqrt(np.einsum("...i,ij,...j->...", of_known, C, of_known))
-    return np.where((J[..., unknown] != 0).any(-1), np.inf, error)
+    squared = np.maximum(np.einsum("...i,ij,...j->...", of_known, C, of_known), 0)  # by rounding it may be below
+    return np.where((J[..., unknown] != 0).any(-1), np.inf, np.sqrt(squared))
