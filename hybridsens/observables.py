@@ -26,6 +26,8 @@ class Observables(NamedTuple):
     samples: Float[Array, "sample state"] | None
     """States at the times asked for."""
     events: EventStates
+    unresolved: Float[Array, ""] | None
+    """A mark, 0. Its tangent is 1 where forward mode ran out of steps."""
 
 
 def filled(primal: Any, tangent: Any) -> Any:

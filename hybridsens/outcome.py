@@ -81,13 +81,25 @@ def raise_unless_successful(trajectory: Motion, describe: Callable[[Any], str] =
     only the compiled program sees it, JAX makes a JaxRuntimeError of it (a ValueError where the program ran on in the
     background and is waited for).
     """
-    worst = _worst(jnp.asarray(_without_tangent(cast(Any, trajectory).status.code)))
+    more = lambda: end_told(trajectory) + _steps_told(trajectory) + describe(trajectory)
+    return raised_unless_zero(trajectory, cast(Any, trajectory).status.code, _message, more)
+
+
+Tree = TypeVar("Tree")
+
+
+def raised_unless_zero(
+    tree: Tree, code: Any, message: Callable[[Any], str], more: Callable[[], str] = lambda: ""
+) -> Tree:
+    """The tree, unless the code is not 0: then SimulationError, by the message of that code, and `more` where it can be
+    seen. Of a batch the largest code counts."""
+    worst = _worst(jnp.asarray(_without_tangent(code)))
     if isinstance(worst, jax.core.Tracer):
-        one = _one_or_raise(worst)  # a factor, so that what a gradient comes from has been checked too
-        return jax.tree.map(lambda leaf: _times(leaf, one) if eqx.is_array(leaf) else leaf, trajectory)
-    if worst != Status.successful.code:
-        raise SimulationError(_message(worst) + end_told(trajectory) + _steps_told(trajectory) + describe(trajectory))
-    return trajectory
+        one = _one_or_raise(worst, message)  # a factor, so that what a gradient comes from has been checked too
+        return jax.tree.map(lambda leaf: _times(leaf, one) if eqx.is_array(leaf) else leaf, tree)
+    if worst != 0:
+        raise SimulationError(message(worst) + more())
+    return tree
 
 
 def nan_unless_reached(trajectory: Motion, given: Any) -> Motion:
@@ -162,28 +174,28 @@ def _worst_of_batch(size, batched, codes):
     return _worst(jnp.max(codes, initial=0)), False  # an empty batch has not failed
 
 
-def _one_or_raise(code):
-    """1, by a branch that raises if it is not to be: nothing that hangs on it is computed before."""
+def _one_or_raise(code, message):
+    """1, by a branch that raises if the code is not 0: nothing that hangs on it is computed before."""
     one = jnp.ones((), jnp.int32)
-    return lax.cond(code == Status.successful.code, lambda: one, lambda: _raise_from_program(code))
+    return lax.cond(code == 0, lambda: one, lambda: _raise_from_program(code, message))
 
 
 def _times(leaf, one):
     return leaf & (one == 1) if leaf.dtype == bool else leaf * one.astype(leaf.dtype)
 
 
-def _raise_from_program(code):
+def _raise_from_program(code, message):
     """Raise where a compiled program runs. On a CPU by that of JAX's ways that does not log what is raised."""
     one = jax.ShapeDtypeStruct((), jnp.int32)
     if jax.default_backend() == "cpu":
-        return buffer_callback(lambda _, out, code: _raise(np.asarray(code)), one)(code)
-    return jax.pure_callback(_raise, one, code)
+        return buffer_callback(lambda _, out, code: _raise(message(np.asarray(code))), one)(code)
+    return jax.pure_callback(lambda code: _raise(message(code)), one, code)
 
 
-def _raise(code):
+def _raise(message: str):
     """Raise from inside of a generator. XLA writes the calls that led to an error before its text, from the innermost
     one outward; those that led to a generator are not known to it, so the text follows at once."""
-    next(_raising(_message(code)))
+    next(_raising(message))
 
 
 def _raising(message: str):

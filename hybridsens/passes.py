@@ -37,6 +37,8 @@ class Problem(NamedTuple):
     t0: Float[Array, ""]
     t1: Float[Array, ""]
     ts: Float[Array, "sample"] | None
+    unresolved: Float[Array, ""]
+    """A mark, 0. Its cotangent is 1 where reverse mode ran out of steps."""
 
 
 class Options(NamedTuple):
@@ -86,7 +88,7 @@ def _forward_pass(problem: Problem, options: Options) -> Motion:
 
 @eqx.filter_jit  # JAX traces the motion by itself before that of a derivative: looked up then
 def _motion(problem: Problem, options: Options) -> Motion:
-    system, x0, t0, t1, _ = problem
+    system, x0, t0, t1, *_ = problem
     settings = options.settings
     stepper = settings.stepper(_flow_size(problem, options))
     room = settings.max_events, settings.max_steps if settings.segment_steps is None else 0
@@ -118,18 +120,20 @@ def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: 
     the motion, as `jax.linearize` asks."""
 
     def observed(problem):
-        followed = _follow(problem, options, motion)
-        return report(followed, _samples(problem, options, followed), options.settings.max_events).observed
+        followed, unresolved = _follow(problem, options, motion)
+        reported = report(followed, _samples(problem, options, followed), options.settings.max_events)
+        return reported.observed._replace(unresolved=unresolved)
 
     return eqx.filter_jvp(observed, (problem,), (d_problem,))[1]
 
 
 @eqx.filter_custom_jvp
-def _follow(problem: Problem, options: Options, motion: Motion) -> Motion:
+def _follow(problem: Problem, options: Options, motion: Motion) -> tuple[Motion, Float[Array, ""]]:
     """The motion itself, with a derivative by the problem: that of `push_forward`, on the steps that its tangent takes.
-    So what plain JAX makes of the motion is differentiated correctly."""
-    del problem, options
-    return batch_in_front(motion)
+    So what plain JAX makes of the motion is differentiated correctly. And the mark of a derivative that ran out of
+    steps."""
+    del options
+    return batch_in_front(motion), problem.unresolved
 
 
 @_follow.def_jvp
@@ -141,16 +145,17 @@ def _follow_jvp(primals, tangents):
             "Forward mode and second derivatives need recorded steps, which Replay(recompute=True) does not keep: use "
             "Replay() or ForwardSensitivities()."
         )
-    motion = _follow(problem, options, motion)  # where this is differentiated again, by the derivative around it
+    motion, mark = _follow(problem, options, motion)  # where differentiated again, by the derivative around it
     d_problem = tangents[0]
     d_system = filled(eqx.filter(problem.system, eqx.is_inexact_array), d_problem.system)
     d_ends = tuple(filled(p, d) for p, d in zip(problem[1:4], d_problem[1:4], strict=True))
     solver = options.settings.replay_solver(_flow_size(problem, options))
     forward = ForwardPass(problem.system, d_system, solver, _control(options.settings, solver))
-    motion, d = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
+    motion, d, unresolved = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
     moved = lambda m: (m.t, m.x, m.steps.t, m.steps.x, m.events.states)
-    return batch_in_front(motion), eqx.tree_at(moved, nothing, (d.end, d.final, d.steps_t, d.steps_x, d.events))
+    d_motion = eqx.tree_at(moved, nothing, (d.end, d.final, d.steps_t, d.steps_x, d.events))
+    return (batch_in_front(motion), mark), (d_motion, unresolved.astype(mark.dtype))
 
 
 def go_back(
@@ -158,12 +163,13 @@ def go_back(
 ) -> Problem:
     """Cotangents of the problem from those of what is reported of its motion."""
     problem = _past_start(problem)
-    motion = _follow(problem, options, motion)  # for forward over reverse
+    motion, _ = _follow(problem, options, motion)  # for forward over reverse
     backward = _backward_pass(problem, options, backward_options.adjoint, motion, cotangent)
     perturbed_ends = backward_options.t0_perturbed, backward_options.t1_perturbed
-    cotangents = pull_back(backward, motion, (problem.t0, problem.x0), problem.t1, perturbed_ends)
+    initial = problem.t0, problem.x0
+    by_system, by_x0, by_t0, by_t1, unresolved = pull_back(backward, motion, initial, problem.t1, perturbed_ends)
     by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
-    return Problem(*cotangents, by_ts)
+    return Problem(by_system, by_x0, by_t0, by_t1, by_ts, unresolved.astype(problem.unresolved.dtype))
 
 
 def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, cotangent: Observables) -> BackwardPass:
@@ -174,7 +180,7 @@ def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, 
     if samples is not None and problem.ts is not None:
         ts = past_coincidences(system, motion, problem.ts)
         samples = jnp.where(_reached(ts, motion), samples, 0)
-    by_rows = Observables(final, samples, in_rows_recorded(motion, settings.max_events, cotangent.events))
+    by_rows = Observables(final, samples, in_rows_recorded(motion, settings.max_events, cotangent.events), None)
     controlled = settings.derivative_rtol != math.inf
     control = _control(settings, replay)
     mask = step_parameter_mask(system, options.mode, problem.t1, motion.x)

@@ -49,7 +49,7 @@ def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: i
     states = cut(events.states)
     states = states._replace(time=jnp.where(happened, states.time, jnp.inf))
     return Reported(
-        Observables(motion.x, samples, states), jnp.where(happened, cut(events.guard), -1),
+        Observables(motion.x, samples, states, jnp.zeros_like(motion.t)), jnp.where(happened, cut(events.guard), -1),
         cut(events.decision.kind), cut(events.decision.order_matters), count, cut(events.decision.mode),
         motion.mode, motion.status, motion.t, motion.doubt.time, motion.steps.count, motion.rejected,
     )  # fmt: skip

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
+from .border import entering, leaving
 from .differentiable import differentiable_motion
 from .forward.solver import RunSettings
 from .located.system import own_mode
@@ -32,13 +33,12 @@ from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Trajectory
 from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .numerics.shapes import Shapes
-from .outcome import Steps, answered, raise_unless_times_fit, where_ended, where_in_doubt
+from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .reported import Reported
 from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
-from .validation.direction import forward_only, reverse_only
 from .validation.numbers import told_of_constants
 from .validation.same_function import same_function
 from .waiting import waiting
@@ -151,13 +151,11 @@ def simulate(
         scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts, program=program
     )
     system = mechanics if switching is None else SwitchedSystem(mechanics, *switching, mode)
-    if not adjoint.forward_mode:
-        system, state, t0, t1, ts = reverse_only((system, state, t0, t1, ts))
+    (system, state, t0, t1, ts), mark = entering((system, state, t0, t1, ts), state.q.dtype, adjoint, throw)
     with waiting("compiling and simulating", progress):
-        trajectory = _simulate(system, state, t0, t1, ts, settings, adjoint)
+        found = _simulate(system, state, (t0, t1, ts), mark, settings, adjoint)
     shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
-    trajectory = answered(trajectory, throw, (system, state, t0, t1, ts), shown)
-    trajectory = trajectory if adjoint.reverse_mode else forward_only(trajectory)
+    trajectory = leaving(found, (system, state, t0, t1, ts), adjoint, throw, shown)
     known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
     return trajectory.come_from(written, again) if known else trajectory
 
@@ -183,8 +181,10 @@ def _prepared(scene: AbstractScene, running_cost, t0, state: State, mode):
 
 @eqx.filter_jit
 def _simulate(
-    system: MechanicalSystem | SwitchedSystem, state: State, t0, t1, ts, settings: RunSettings, adjoint
-) -> Trajectory:
+    system: MechanicalSystem | SwitchedSystem, state: State, horizon, mark, settings: RunSettings, adjoint
+) -> tuple[Trajectory, Any]:
+    """The trajectory and the mark beside it."""
+    t0, t1, ts = horizon
     mechanics = system.mechanics if isinstance(system, SwitchedSystem) else system
     if settings.max_step is None:
         system.warn_of_sampled(t0, jnp.concatenate([state.q, state.v]))
@@ -200,12 +200,12 @@ def _simulate(
     system, mode = system.begin(mechanics, mode, x0) if isinstance(system, SwitchedSystem) else (mechanics, mode)
     status = horizon_status(t0, t1, ts, settings, number(mechanics.capture_speed))
     options = Options(mode, status, settings, mechanics.scene.known_discontinuities)
-    reported = differentiable_motion(Problem(system, x0, t0, t1, ts), options, adjoint)
-    return _trajectory(mechanics, t1, ts, reported, cost)
+    reported = differentiable_motion(Problem(system, x0, t0, t1, ts, mark), options, adjoint)
+    return _trajectory(mechanics, t1, ts, reported, cost), reported.observed.unresolved
 
 
 def _trajectory(system: MechanicalSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:
-    (final, samples, states), status = reported.observed, reported.status
+    (final, samples, states, _), status = reported.observed, reported.status
     happened = jnp.arange(states.time.shape[0]) < reported.count
     contact, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
     if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves

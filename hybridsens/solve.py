@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .adjoint.methods import AbstractGradientMethod, Replay
+from .border import entering, leaving
 from .differentiable import differentiable_motion
 from .discontinuities import warn_of_system
 from .export.names import event_names
@@ -19,7 +20,7 @@ from .flattened import FlattenedSystem
 from .forward.solver import RunSettings
 from .located.system import located, own_guards, own_mode, own_number
 from .numerics.shapes import Shapes
-from .outcome import Steps, answered, raise_unless_times_fit, where_ended, where_in_doubt
+from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
 from .solution import Solution, SolutionEvents, last_events
@@ -28,7 +29,6 @@ from .system import AbstractHybridSystem
 from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays, warn_of_transition
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.asked import kind_of
-from .validation.direction import forward_only, reverse_only
 from .validation.not_finite import not_finite_among
 from .validation.numbers import told_of_constants
 from .validation.own_start import check_mode_given
@@ -120,9 +120,8 @@ def solve(
     settings = RunSettings(
         solver or diffrax.Tsit5(), rtol, atol, max_events, max_steps, segment_steps, max_step, adjoint.step_rtol
     )
-    if not adjoint.forward_mode:
-        given = system, running_cost, x0, t0, t1, ts, jump_ts
-        system, running_cost, x0, t0, t1, ts, jump_ts = reverse_only(given)
+    given = system, running_cost, x0, t0, t1, ts, jump_ts
+    (system, running_cost, x0, t0, t1, ts, jump_ts), mark = entering(given, dtype, adjoint, throw)
     guards, first_mode = counts.guards, mode
     if written[0].located_discontinuities:
         system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))
@@ -131,11 +130,10 @@ def solve(
         system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode, program
     )
     with waiting("compiling and simulating", progress):
-        solution = _solve(flat, x0, first_mode, (t0, t1, ts), settings, adjoint, Shapes.of(cost))
+        solution, mark = _solve(flat, x0, first_mode, (t0, t1, ts), mark, settings, adjoint, Shapes.of(cost))
     solution = eqx.tree_at(lambda s: s.events, solution, dataclasses.replace(solution.events, names=names))
     shown = lambda solution: _shown_by_values(*written, (t0, t1, ts), solution)
-    solution = answered(solution, throw, (flat, x0, t0, t1, ts), shown)
-    solution = solution if adjoint.reverse_mode else forward_only(solution)
+    solution = leaving((solution, mark), (flat, x0, t0, t1, ts), adjoint, throw, shown)
     return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
 
 
@@ -187,7 +185,8 @@ def _shown_by_values(system: AbstractHybridSystem, x0, horizon: tuple, solution:
 
 
 @eqx.filter_jit
-def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjoint, cost: Shapes) -> Solution:
+def _solve(flat: FlattenedSystem, x0, mode, horizon, mark, settings: RunSettings, adjoint, cost: Shapes):
+    """The solution and the mark beside it."""
     t0, t1, ts = horizon
     cost_rate = None if flat.running_cost is None else flat.cost_rate
     warn_of_system(flat.system, cost_rate, (t0, x0, mode), flat.jump_ts is not None)
@@ -197,8 +196,8 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
         flat.warn_of_sampled(t0, start)
     known = flat.system.known_discontinuities
     options = Options(flat.watched_mode(mode, start), horizon_status(t0, t1, ts, settings), settings, known)
-    reported = differentiable_motion(Problem(flat, start, t0, t1, ts), options, adjoint)
-    final, samples, states = reported.observed
+    reported = differentiable_motion(Problem(flat, start, t0, t1, ts, mark), options, adjoint)
+    final, samples, states, mark = reported.observed
     x, z = flat.split(final)
     before, after = (flat.split(side)[0] for side in (states.before, states.after))
     which = own_number(reported.guard, flat.system, flat.guard_count, flat.scheduled_count or 0)
@@ -211,6 +210,7 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, settings: RunSettings, adjo
     end_time = where_ended(status, t1, reported.end_time)
     doubt_time = where_in_doubt(status, reported.doubt_time)
     waiting, mode = own_guards(~reported.mode.watch.armed, flat.system), own_mode(reported.mode.given)
-    return Solution(
+    solution = Solution(
         ts, samples, x, total, events, mode, status, end_time, doubt_time, steps, waiting, None
     )
+    return solution, mark

@@ -55,7 +55,8 @@ class Status(eqx.Module):
     )
     cost_not_finite = outcome(
         "the motion reached its end, but what the cost makes of it, or the gradient of that, is not finite. Look at "
-        "what it reads of events that did not come, whose times are inf, and at its own functions."
+        "what it reads of events that did not come, whose times are inf, and at its own functions. A gradient is nan "
+        "too where its steps, shorter than those of the motion, found no room: raise `max_steps`."
     )
     grazing = outcome(
         "the motion reached its end, but touched or missed an event so narrowly that the tolerances cannot tell "

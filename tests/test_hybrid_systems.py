@@ -63,7 +63,7 @@ class SwitchedOscillator(AbstractFlatSystem):
 
 def run(system, x0, mode, t1, adjoint):
     settings = RunSettings(diffrax.Tsit5(), 1e-12, 1e-12, 8, 2000)
-    inputs = Problem(system, x0, jnp.array(0.0), jnp.asarray(t1), None)
+    inputs = Problem(system, x0, jnp.array(0.0), jnp.asarray(t1), None, jnp.array(0.0))
     return differentiable_motion(inputs, Options(jnp.array(mode), hs.Status.running, settings), adjoint)
 
 

@@ -10,7 +10,7 @@ TESTS = ROOT / "tests"
 METHOD = {"observables", "forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
     "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch",
-    "discontinuities", "located", "model",
+    "discontinuities", "located", "model", "unresolved", "border",
 }  # fmt: skip
 BASE = {"validation", "numerics", "status"}
 TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters", "waiting"}
@@ -46,6 +46,8 @@ MAY_IMPORT = {
     "solution": {"outcome", "status", "export", "numerics"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status", "numerics"},
+    "unresolved": {"outcome", "xla"},
+    "border": {"adjoint", "outcome", "unresolved", "validation"},
     "solve": {"export", "waiting"} | FRONT - {"simulate"} | METHOD | BASE,
     "simulate": {"mechanics", "waiting"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
     "scenes": {"mechanics", "model", "planar"},

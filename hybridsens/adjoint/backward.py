@@ -19,16 +19,16 @@ from .steps_back import BackwardPass, BackwardState, through_steps
 
 def pull_back(
     backward: BackwardPass, motion: Motion, initial, t1, perturbed_ends: tuple[bool, bool]
-) -> tuple[Any, Array, Array, Array]:
-    """Derivatives of a cost by the system, x0, t0 and t1.
+) -> tuple[Any, Array, Array, Array, Array]:
+    """Derivatives of a cost by the system, x0, t0 and t1, and whether they are unresolved.
 
     Between events psi is carried back over the recorded steps, psi' = -f_x^T psi, at data times psi- = psi+ + c_x
     (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `initial` is (t0, x0); `perturbed_ends`
     says whether t0 and t1 are differentiated by.
 
     A sweep goes back through all segments. If the error of some step is then too large for the dJ/dtheta just found, a
-    second sweep, which cuts such steps, takes its place. Both share `most_tries`; out of tries, all but the
-    derivative by t1 is nan.
+    second sweep, which cuts such steps, takes its place. Both share `most_tries`; out of tries, or where steps that
+    were run again came back different, all but the derivative by t1 is nan, and unresolved.
     """
     system = backward.system
     t0_perturbed, t1_perturbed = perturbed_ends
@@ -58,7 +58,8 @@ def pull_back(
 
     _, at, by_events = lax.while_loop(goes_on, sweep, (jnp.array(0), start, no_gradient))
     # Out of tries the gradient is not finished: a wrong one must not pass.
-    nan_if_unfinished = jnp.where(at.tries < backward.control.most_tries, 0, jnp.nan)
+    unresolved = at.tries >= backward.control.most_tries
+    nan_if_unfinished = jnp.where(unresolved, jnp.nan, 0)
     or_nan = lambda tree: jax.tree.map(lambda leaf: leaf + nan_if_unfinished.astype(leaf.dtype), tree)
     total = _added(or_nan(by_events).unpack(), or_nan(at.total).unpack())
     total, psi, by_t0 = _through_start(backward, motion, initial, total, or_nan(at.psi), t0_perturbed)
@@ -66,13 +67,13 @@ def pull_back(
     if t1_perturbed:
         flow = system.flow(last_moment(motion, t1), motion.x, motion.mode)
         by_t1 = where_reached(motion, backward.cotangent.final @ flow)
-    return total, psi, by_t0, by_t1
+    return total, psi, by_t0, by_t1, unresolved
 
 
 def _through_segment(backward: BackwardPass, motion: Motion, j, t0, at: BackwardState) -> BackwardState:
     """Adjoint of segment j, which lies between events j - 1 and j."""
     steps = backward.find_steps(motion, j)
-    at = at._replace(psi=steps.valid * at.psi)  # nan where it was run again and came back different
+    at = at._replace(tries=jnp.where(steps.valid, at.tries, backward.control.most_tries))  # no more of them
     at = through_steps(backward, steps, segment_end(motion, j), at)
     # Zeros, which matter to a second derivative alone.
     by_parameters, by_state = pull_no_length(backward.system, backward.step_parameter_mask, motion, j, t0, at.psi)

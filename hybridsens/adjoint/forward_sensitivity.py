@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..flat_system import AbstractFlatSystem
 from ..forward.explicit import by_mode
@@ -92,8 +92,11 @@ class ForwardPlace(NamedTuple):
     tries: Int[Array, ""]
 
 
-def push_forward(forward: ForwardPass, motion: Motion, initial, t1, tangents) -> tuple[Motion, MotionTangent]:
-    """The motion with all steps that its tangent has taken, and that tangent, under `tangents` of (x0, t0, t1).
+def push_forward(
+    forward: ForwardPass, motion: Motion, initial, t1, tangents
+) -> tuple[Motion, MotionTangent, Bool[Array, ""]]:
+    """The motion with all steps that its tangent has taken, that tangent, under `tangents` of (x0, t0, t1), and whether
+    there was no room for all of its steps: then it is nan.
 
     `initial` is (t0, x0). Inside a segment the grid stands still; its ends move with the events (T5).
     """
@@ -116,7 +119,7 @@ def push_forward(forward: ForwardPass, motion: Motion, initial, t1, tangents) ->
         final=final, steps_t=write(tangent.steps_t, dt1, last), steps_x=write(tangent.steps_x, final, last)
     )
     motion = eqx.tree_at(lambda m: (m.steps, m.events.steps), motion, (pushed.steps, pushed.ends))
-    return motion, tangent
+    return motion, tangent, ~resolved
 
 
 def _start(forward: ForwardPass, motion: Motion, initial, tangents) -> Pushed:

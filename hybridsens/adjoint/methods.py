@@ -19,7 +19,8 @@ class AbstractGradientMethod(eqx.Module):
     `rtol` is the error that one step may have in the derivative, relative to the derivative itself. Where the motion is
     trivial (at rest, in free flight, at zero control) its steps are too long for that and are cut. Default: a hundred
     times the `rtol` of the motion, or 1e-5 where that is less, but at least that `rtol`. `math.inf` switches the
-    control off. Where the steps needed are more than four times `max_steps`, the derivative is nan.
+    control off. Where the steps needed are more than four times `max_steps`, SimulationError is raised as for a motion
+    that failed, and with `throw` other than True the derivative is nan.
     """
 
     rtol: float | None = eqx.field(default=None, static=True, kw_only=True)

@@ -23,14 +23,14 @@ class SegmentSteps(NamedTuple):
     first: Int[Array, ""]
     last: Int[Array, ""]
     """One past its last step."""
-    valid: Float[Array, ""]
-    """1, or nan where the steps are lost."""
+    valid: Bool[Array, ""]
+    """Whether they are those of the motion: steps that are run again may be others."""
 
 
 def recorded_steps(motion: Motion, j: Int[Array, ""]) -> SegmentSteps:
     """Segment j of a motion whose steps were all recorded."""
     mode, first, last = segment(motion, j)
-    return SegmentSteps(mode, motion.steps, first, last, jnp.ones_like(motion.t))
+    return SegmentSteps(mode, motion.steps, first, last, jnp.array(True))
 
 
 class Rerun(NamedTuple):
@@ -49,8 +49,8 @@ def recomputed_steps(rerun: Rerun, motion: Motion, j: Int[Array, ""]) -> Segment
     """Segment j, run again from where its event left it, on to its next event.
 
     It takes the same steps but for rounding, by which another program differs: where a gap closes slowly, that may be
-    another time or one step more. A segment that ends elsewhere makes the gradient nan, and so does one in which the
-    flow jumps: a wrong gradient must not pass.
+    another time or one step more. A segment that ends elsewhere makes the gradient unresolved, and so does one in which
+    the flow jumps: a wrong gradient must not pass.
     """
     system, stepper, start, t1, least_state = rerun
     mode, first, _ = segment(motion, j)
@@ -69,8 +69,7 @@ def recomputed_steps(rerun: Rerun, motion: Motion, j: Int[Array, ""]) -> Segment
     steps, is_same = again.steps, jnp.abs(again.t - end) <= off
     if least_state is not None:
         is_same &= ~_flow_jumps(rerun, motion, again)
-    valid = jnp.where(is_same, 1.0, jnp.nan).astype(t.dtype)
-    return SegmentSteps(mode, steps, jnp.zeros_like(first), steps.count, valid)
+    return SegmentSteps(mode, steps, jnp.zeros_like(first), steps.count, is_same)
 
 
 def _flow_jumps(rerun: Rerun, motion: Motion, again: Motion) -> Bool[Array, ""]:

@@ -21,8 +21,8 @@ def final_height(p, adjoint, **settings):
     """Where a ball is after impacts, a capture and rest, and what its motion cost."""
     scene = BouncingBall(height=p[0], weight=p[1], restitution_coefficient=p[2])
     motion = hs.simulate(
-        scene, scene.initial_state(), t1=p[3], running_cost=lambda s, t, q, v: q @ q, adjoint=adjoint, throw=False,
-        **settings,
+        scene, scene.initial_state(), t1=p[3], running_cost=lambda s, t, q, v: q @ q, adjoint=adjoint,
+        **{"throw": False, **settings},
     )  # fmt: skip
     return motion.final.q[0] + motion.cost, motion
 
@@ -63,6 +63,8 @@ def test_a_segment_may_end_elsewhere_by_rounding_alone(gradients, monkeypatch, s
         assert_close(again, gradients[0](P)[1], 1e-14)
     else:
         assert jnp.all(jnp.isnan(again[:3]))  # that by t1 needs no segment
+        with pytest.raises(hs.SimulationError, match=r"the steps that Replay\(recompute=True\) ran again .* different"):
+            jax.grad(lambda p: final_height(p, adjoint, throw=True)[0])(P)
 
 
 @pytest.mark.slow

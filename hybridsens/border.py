@@ -1,0 +1,39 @@
+"""What a motion is made from and what comes out of it, on their way over the border of what is compiled.
+
+Outside of it a derivative is refused in a mode that its method does not serve; a motion that failed is raised, and so
+is a derivative that ran out of steps.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .adjoint.methods import AbstractGradientMethod
+from .outcome import Motion, answered
+from .unresolved import RERUN, ROOM, marked, raised_if_marked
+from .validation.direction import forward_only, reverse_only
+
+
+def entering(given: Any, dtype: Any, adjoint: AbstractGradientMethod, throw: bool | str) -> tuple[Any, Any]:
+    """All that a motion is made from, and the mark that goes in with it."""
+    if not adjoint.forward_mode:
+        given = reverse_only(given)
+    mark = np.zeros((), dtype)
+    return marked(given, mark, _reason(adjoint)) if throw is True else (given, mark)
+
+
+def leaving(
+    found: tuple[Motion, Any], given: Any, adjoint: AbstractGradientMethod, throw: bool | str,
+    describe: Callable[[Any], str],
+) -> Motion:  # fmt: skip
+    """The motion, from it and the mark that comes out beside it."""
+    motion, mark = found
+    motion = answered(motion, throw, given, describe)
+    if throw is True:
+        motion = raised_if_marked(motion, mark, _reason(adjoint))
+    return motion if adjoint.reverse_mode else forward_only(motion)
+
+
+def _reason(adjoint: AbstractGradientMethod) -> str:
+    return ROOM if adjoint.segment_room is None else RERUN
