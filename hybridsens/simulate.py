@@ -109,11 +109,12 @@ def simulate(
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
 
     Raises: ValueError or TypeError for what does not fit (shapes, types), and for a derivative in a mode that `adjoint`
-    does not serve; `SimulationError` for what only the values show. A compiled program cannot raise an exception of
-    its caller's choice: from `jax.jit` or `eqx.filter_jit` a `SimulationError` arrives as `jax.errors.JaxRuntimeError`,
-    or as ValueError where the program ran on in the background, with its text as the last line. A program that raises
-    cannot be exported by `jax.export` (NotImplementedError): use `throw=False` or "nan" there. `jax.shard_map` needs
-    `check_vma=False`, and a batch that is placed on several devices a mesh with automatic axes.
+    does not serve; `SimulationError` for what only the values show, and for a derivative that runs out of steps. A
+    compiled program cannot raise an exception of its caller's choice: from `jax.jit` or `eqx.filter_jit` a
+    `SimulationError` arrives as `jax.errors.JaxRuntimeError`, or as ValueError where the program ran on in the
+    background, with its text as the last line. A program that raises cannot be exported by `jax.export`
+    (NotImplementedError): use `throw=False` or "nan" there. `jax.shard_map` needs `check_vma=False`, and a batch that
+    is placed on several devices a mesh with automatic axes.
     """
     written, running_cost = scene, same_function(running_cost)
     again = functools.partial(  # the same call for other `ts`

@@ -85,7 +85,8 @@ def solve(
     - `progress`: show for how long it compiles and runs.
 
     Raises: ValueError or TypeError for what does not fit (structures, shapes, types), and for a derivative in a mode
-    that `adjoint` does not serve; `SimulationError` for what only the values show, as `simulate` does.
+    that `adjoint` does not serve; `SimulationError` for what only the values show, and for a derivative that runs
+    out of steps, as `simulate` does.
     """
     if not isinstance(system, AbstractHybridSystem):
         elsewhere = ", a scene: use hybridsens.simulate" if hasattr(system, "mass_matrix") else ""

@@ -32,18 +32,23 @@ RERUN = (
 def marked(given: Any, mark: Any, reason: str) -> tuple[Any, Any]:
     """All that a motion is made from, and a mark of 0. Where the cotangent of the mark is not 0, the derivative by what
     is given is raised for that reason."""
-    return _marked(given, mark, reason) if _carries_a_derivative(given) else (given, mark)
+    leaves, rest = eqx.partition(given, _may_vary)
+    if not jax.tree.leaves(leaves):
+        return given, mark
+    leaves, mark = _marked(leaves, mark, reason)
+    return eqx.combine(leaves, rest), mark
 
 
 def raised_if_marked(found: Any, mark: Any, reason: str) -> Any:
     """All that came out of a motion, beside its mark. Where the tangent of the mark is not 0, that of what is found is
     raised for that reason."""
-    return _unmarked(found, mark, reason) if _carries_a_derivative(mark) else found
+    leaves, rest = eqx.partition(found, _may_vary)
+    return eqx.combine(_unmarked(leaves, mark, reason), rest) if _may_vary(mark) else found
 
 
-def _carries_a_derivative(tree: Any) -> bool:
-    """Only what is traced does, and outside of a trace every operation costs a call."""
-    return any(isinstance(x, jax.core.Tracer) and eqx.is_inexact_array(x) for x in jax.tree.leaves(tree))
+def _may_vary(x: Any) -> bool:
+    """Only what is traced carries a derivative, and outside of a trace every operation costs a call."""
+    return isinstance(x, jax.core.Tracer) and eqx.is_inexact_array(x)
 
 
 @eqx.filter_custom_jvp
