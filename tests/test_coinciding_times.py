@@ -114,6 +114,7 @@ def test_a_clock_may_tick_twice_in_one_instant():
     assert_close(jax.grad(ticked)(at), DECAY * each, 1e-7)
 
 
+@pytest.mark.slow
 def test_a_tick_that_is_moved_into_the_past_comes_at_once():
     at = jnp.array([1.0, 3.0, 2.0, 5.0])
     came = jnp.array([1.0, 3.0, 3.0, 5.0])

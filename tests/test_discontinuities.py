@@ -101,7 +101,10 @@ def test_a_running_cost_that_jumps_is_told():
         drain(Tank, running_cost=lambda tank, t, x, mode: jnp.sign(x - 0.5))
 
 
-@pytest.mark.parametrize("tank, settings", [(Tank, {}), (KnownTank, {}), (PulsedTank, dict(jump_ts=jnp.array([0.5])))])
+@pytest.mark.parametrize(
+    "tank, settings",
+    [(Tank, {}), (PulsedTank, dict(jump_ts=jnp.array([0.5]))), pytest.param(KnownTank, {}, marks=pytest.mark.slow)],
+)
 def test_modes_parameters_transitions_and_declared_times_break_nothing(tank, settings):
     """Nor a kink of a running cost."""
     with warnings.catch_warnings():

@@ -58,6 +58,7 @@ def test_loss_of_a_fit_and_its_slope(e, x, loss, by_e):
     assert_close(2 * miss * jacobian.final[0, 3], by_e, WITHIN, scale=7238.72)
 
 
+@pytest.mark.slow
 def test_tenth_impact_of_a_ball_with_a_radius():
     """torchdiffeq's example: how the tenth impact moves with height, velocity, g, radius (in the gap alone) and e."""
 

@@ -38,6 +38,7 @@ def test_a_guess_of_0_is_left_in_any_unit(unit, tmp_path):
 
 
 @pytest.mark.parametrize("bounds", [None, {"more": "positive"}], ids=["free", "positive"])
+@pytest.mark.slow
 def test_a_guess_next_to_0_is_left_too(bounds):
     """From 1e-12, which does nothing that residuals show: the fit said "converged" there."""
     found = fit(Faster(1.2, 1.0, 1e-12, 1.0), RECORD, parameters="more", bounds=bounds, **ROOM)

@@ -51,9 +51,10 @@ UNSEEN = {
     "a sign": lambda y: jnp.sign(jnp.maximum(y, 0.0)),
     "steep": lambda y: jnp.tanh(1e10 * y),
 }
+QUICK = ("a number that is none", "steep")
 
 
-@pytest.mark.parametrize("name", UNSEEN)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n not in QUICK)) for n in UNSEEN])
 def test_a_jump_is_told_to_who_asks_for_a_derivative(name):
     """Derivatives by c and p were 0 for 1.23 and -1.11, or twice that, successful and without a warning. The motion by
     itself is right, and successful."""

@@ -95,6 +95,7 @@ class Never(hybridsens.AbstractHybridSystem):
         return x, mode
 
 
+@pytest.mark.slow
 def test_a_guard_that_begins_to_rise_at_an_event_has_not_fallen_by_where_that_was_placed():
     """Most of these ended with `event_repeats`."""
     run = jax.jit(jax.vmap(lambda p: hybridsens.solve(Never(p), 0.0, t1=6.0, max_events=12).final))

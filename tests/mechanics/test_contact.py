@@ -90,6 +90,7 @@ def test_a_ball_strikes_two_that_touch():
 
 
 @pytest.mark.parametrize("height", [0.0, 0.7], ids=["at 0", "elsewhere"])
+@pytest.mark.slow
 def test_capture_and_slide_on_an_incline(height):
     """A ball dropped on an incline with e = 0 keeps its speed along it, and slides on with g sin(slope)."""
     normal = [np.sin(SLANT), np.cos(SLANT), 0.0]

@@ -172,6 +172,7 @@ def test_a_jump_of_the_running_cost_is_told_and_a_kink_is_not():
     simulate(Smooth(P), running_cost=kink)
 
 
+@pytest.mark.slow
 def test_the_warning_can_be_silenced():
     """By the scene, or by Python's filter; warnings are errors in this suite."""
     simulate(Known(P))

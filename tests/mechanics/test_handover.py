@@ -77,6 +77,7 @@ def test_a_load_that_crosses_a_diagonal_moves_nothing(height):
         assert np.min(np.abs(crossings - time)) < 1e-11
 
 
+@pytest.mark.slow
 def test_loads_that_swing_between_the_feet_move_nothing():
     rng = np.random.default_rng(7)
     handed_over = 0

@@ -186,6 +186,7 @@ class Pulsed(Loaded):
         return self.amplitude / self.weight * 3 * jnp.exp(-(((t - 1 - self.frequency / 60) / width) ** 2)) - 1
 
 
+@pytest.mark.slow
 def test_pulses_of_any_length_are_found(loads):
     weight, amplitude, frequency = map(jnp.asarray, loads)
 

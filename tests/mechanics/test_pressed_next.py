@@ -82,6 +82,7 @@ def second_event_and_slope(peg, t1):
     return trajectory, slope
 
 
+@pytest.mark.slow
 def test_a_peg_that_fits_exactly_is_handed_from_wall_to_wall():
     """Its force passes from one wall to the other at the zeros of cos w t, and nothing strikes."""
     trajectory, slope = second_event_and_slope(Peg(jnp.array(3.0), jnp.array(False)), 5.0)

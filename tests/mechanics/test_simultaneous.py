@@ -34,6 +34,7 @@ def test_a_corner_hit_exactly_is_marked():
     assert text.count(" *\n") == 1 and "one-sided at best" in text
 
 
+@pytest.mark.slow
 def test_a_corner_hit_beside_its_edge_is_not_marked():
     """One wall after the other, however soon."""
     trajectory = corner(ACUTE, [1.0, 1.001, 0.0])
@@ -159,9 +160,10 @@ class ElasticFloors(Floors):
     sustained_contact = False
 
 
-@pytest.mark.parametrize(
-    "scale", [[2.0, 1.0], [3.0, 1.0, 2.0], pytest.param([2.0, *[3.0] * 8, 1.0], marks=pytest.mark.slow)], ids=len
-)
+SCALES = [[2.0, 1.0], [3.0, 1.0, 2.0], [2.0, *[3.0] * 8, 1.0]]
+
+
+@pytest.mark.parametrize("scale", [pytest.param(s, marks=[pytest.mark.slow] * (len(s) != 3)) for s in SCALES], ids=len)
 def test_of_floors_at_one_place_the_most_elastic_one_acts(scale):
     """The law holds at each of them, so that the body leaves with the largest of the restitutions (T3)."""
     e = np.linspace(0.1, 0.9, len(scale))

@@ -123,6 +123,7 @@ def test_a_machine_that_hardly_lifts_off_comes_down(excess, restitution):
             assert_close(time, landing(1 + excess, frequency), 1e-5)
 
 
+@pytest.mark.slow
 def test_a_base_lifts_off_in_single_precision():
     """Assert that it does of springs that give way by more than rounding makes of their length."""
     random, single = np.random.default_rng(3), lambda x: jnp.asarray(x, jnp.float32)

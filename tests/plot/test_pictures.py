@@ -14,6 +14,7 @@ from hybridsens.plot.animation import _outlines
 from hybridsens.plot.figure import must_be_sampled, new_figure, solution_times
 from hybridsens.scenes import BouncingBall
 from tests.plot.test_plot_solution import switched_once
+from tests.problems.balls import Thrown
 
 FALL = float(np.sqrt(2 / 9.81))
 PICTURES = (hs.animate, hs.plot_trajectory, hs.plot_contacts, hs.plot_coordinates, hs.plot_phase)
@@ -110,18 +111,19 @@ def test_coordinates_have_their_names_and_jumps(motion):
 
 
 def test_a_path_goes_over_two_coordinates_in_one_scale(unchecked):
-    """Assert start, end and impacts of a ball that flies to a wall, by names and by numbers; and what axes are not."""
-    room = hs.scenes.BallsInBox(2)
-    flight = hs.simulate(room, room.initial_state(), t1=1.0, ts=jnp.linspace(0.0, 1.0, 20))
+    """Assert start, end and impacts of a ball that is thrown, by names and by numbers; and what axes are not."""
+    room = Thrown(mass=jnp.array(1.0))
+    start = hs.State(jnp.array([0.0, 1.0]), jnp.array([2.0, 0.0]))
+    flight = hs.simulate(room, start, t1=1.0, ts=jnp.linspace(0.0, 1.0, 20))
     axes = hs.plot_path(room, flight, "x1", "y1 [m]").axes[0]
     path, *marked = (line.get_xydata() for line in axes.lines)
     assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_aspect()) == ("x1 [m]", "y1 [m]", 1.0)
-    q = np.asarray(flight.q[:, 2:])
+    q = np.asarray(flight.q)
     np.testing.assert_allclose(path[[0, -1]], q[[0, -1]])
     *impacts, start, end = marked
     np.testing.assert_allclose([start[0], end[0]], q[[0, -1]])
     assert sum(map(len, impacts)) == int(flight.events.count) >= 1
-    assert hs.plot_path(room, flight, 1, 0).axes[0].get_xlabel() == "y0 [m]"
+    assert hs.plot_path(room, flight, 1, 0).axes[0].get_xlabel() == "y1 [m]"
     for draw in (hs.plot_path, hs.plot_phase):
         with pytest.raises(TypeError, match="`axes` must be axes of Matplotlib"):
             draw(room, flight, 0, axes="y1 [m]")

@@ -1,4 +1,4 @@
-"""A ball above a floor at 0: the least scene that has impacts."""
+"""A ball above a floor at 0: the least scenes that have impacts."""
 
 import jax.numpy as jnp
 from jax import Array
@@ -24,3 +24,22 @@ class RestlessBall(hs.AbstractScene):
 
     def restitution(self):
         return self.e[None]
+
+
+class Thrown(hs.AbstractScene):
+    """A ball over a floor."""
+
+    mass: Array
+    coordinates = ("x1 [m]", "y1 [m]")
+
+    def mass_matrix(self, q):
+        return self.mass * jnp.eye(2)
+
+    def force(self, t, q, v):
+        return self.mass * jnp.array([0.0, -9.81])
+
+    def gap(self, t, q):
+        return q[1:]
+
+    def restitution(self):
+        return jnp.array([0.8])

@@ -29,7 +29,7 @@ def cases(*quick):
     return [pytest.param(name, marks=[pytest.mark.slow] * (name not in quick)) for name in SYSTEMS]
 
 
-@pytest.mark.parametrize("name", cases("thermostat", "buck-converter", "dosing"))
+@pytest.mark.parametrize("name", cases("thermostat", "dosing"))
 def test_a_system_has_its_exact_motion_and_gradient(name):
     """In reverse mode at tolerance 1e-9; and finite differences at one where their noise is small."""
     expected, jacobian, count = truth(name)

@@ -66,6 +66,7 @@ def test_a_scene_that_reads_a_global_is_compiled_by_it(change, monkeypatch):
     assert jax.value_and_grad(fall)(2.0) == (pytest.approx(height(4.0, 2.0), rel=1e-12), pytest.approx(1.0))
 
 
+@pytest.mark.slow
 def test_a_system_and_its_running_cost_are_too(monkeypatch):
     """Assert the level after one event, its integral and the slope by the amount."""
     cost = lambda system, t, x, mode: GRAVITY * x
