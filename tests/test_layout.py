@@ -53,7 +53,7 @@ MAY_IMPORT = {
     "scenes": {"mechanics", "model", "planar"},
     "systems": {"model", "system"},
     "planar": set(),
-    "plot": {"mechanics", "numerics", "export", "outcome", "solution", "delays", "validation"},
+    "plot": {"mechanics", "numerics", "export", "outcome", "solution", "delays", "validation", "waiting"},
     "parameters": {"validation"},
     "comparison": CORE,
     "estimation": CORE,

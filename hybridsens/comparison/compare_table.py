@@ -2,7 +2,7 @@
 
 import csv
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from ..export.datasets import optional
 from ..export.one_move import in_one_move
 from ..export.text import TERMINAL, name_and_numbers, preformatted, wrapped
 from ..plot.figure import new_figure
@@ -103,14 +104,22 @@ class Comparison(NamedTuple):
     def to_csv(self, path: str | Path) -> None:
         """Write one line for each method, the reference first, with one column for each entry of the gradient."""
         with in_one_move(Path(path)) as draft, open(draft, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["method", *COLUMNS, *(f"d/d {name}" for name in self.parameters), "failure"])
-            reference = self.reference
-            unknown = [""] * (len(COLUMNS) - 1)
-            writer.writerow(["reference", reference.value, *unknown, *reference.gradient, reference.remark])
-            for row in self.rows:
-                gradient = [""] * len(self.parameters) if row.gradient is None else row.gradient
-                writer.writerow([row.method, *(getattr(row, column) for column in COLUMNS), *gradient, row.failure])
+            csv.writer(file).writerows(self._table())
+
+    def to_pandas(self):
+        """A pandas DataFrame of what `to_csv` writes, by method. Raises: ImportError without pandas."""
+        head, *rows = self._table()
+        return optional("pandas", "to_pandas()").DataFrame(rows, columns=head).set_index("method")
+
+    def _table(self) -> list[list[Any]]:
+        """Names of columns, the reference, and a row for each method."""
+        reference, unknown = self.reference, [None] * (len(COLUMNS) - 1)
+        table: list[list[Any]] = [["method", *COLUMNS, *(f"d/d {name}" for name in self.parameters), "failure"]]
+        table.append(["reference", reference.value, *unknown, *reference.gradient, reference.remark])
+        for row in self.rows:
+            gradient = [None] * len(self.parameters) if row.gradient is None else row.gradient
+            table.append([row.method, *(getattr(row, column) for column in COLUMNS), *gradient, row.failure])
+        return table
 
 
 def _method_line(number: int, row: Row, width: int) -> str:

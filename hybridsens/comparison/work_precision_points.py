@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..export.datasets import optional
 from ..export.one_move import in_one_move
 from ..export.text import preformatted, wrapped
 from ..settings import finest_tolerance
@@ -83,6 +84,10 @@ class WorkPrecision(NamedTuple):
         fastest = min((point.seconds for point in good), default=0.0)
         as_fast = [point for point in good if point.seconds <= ALIKE * fastest]
         return min(as_fast, key=lambda point: point.gradient_error, default=None)
+
+    def to_pandas(self):
+        """A pandas DataFrame with a row for each point. Raises: ImportError without pandas."""
+        return optional("pandas", "to_pandas()").DataFrame(self.points, columns=list(Point._fields))
 
     _repr_html_ = preformatted  # what a notebook shows
 

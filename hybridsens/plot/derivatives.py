@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.axes import Axes
@@ -11,6 +12,7 @@ from ..export.names import coordinate_names, split_unit
 from ..mechanics.scene import AbstractScene, State
 from ..mechanics.trajectory import Trajectory
 from ..outcome import end_told
+from ..waiting import waiting
 from .figure import legend_above, line, must_be_sampled, new_figure
 
 ROUNDING = 1e-10
@@ -37,12 +39,13 @@ def plot_gradients(axes: Axes, names: list[str], gradients: dict[str, Float[np.n
     legend_above(axes, columnspacing=1, handlelength=1.5)
 
 
-def costate(trajectory: Trajectory, cost: Callable[[Trajectory], Array]) -> State:
+def costate(trajectory: Trajectory, cost: Callable[[Trajectory], Array], *, progress: bool = True) -> State:
     """dJ/dq(t) and dJ/dv(t) at every sample of a motion, as a `State` of arrays (sample, dof).
 
     The motion is started again at each sample and followed to t1, and `cost` of what follows is differentiated by the
     state there. So J must be made of what follows: the final state, or a running cost. While a contact is held, only
-    changes along it count. A sample at t1, where nothing follows, is nan.
+    changes along it count. A sample at t1, where nothing follows, is nan. `progress`: show for how long it compiles and
+    runs.
 
     Raises: ValueError without samples, for a batch, for a motion that broke off, or for one that does not know its
     scene (see `Trajectory.evaluate`).
@@ -51,17 +54,20 @@ def costate(trajectory: Trajectory, cost: Callable[[Trajectory], Array]) -> Stat
     broken_off = end_told(trajectory)
     if broken_off:  # started again at a sample it would have room for more events, and end elsewhere
         raise ValueError(f"A costate must be that of a motion that reached t1, but this one did not.{broken_off}")
-    return trajectory.from_each_sample(cost)
+    with waiting("compiling the costate and following it from each sample", progress):
+        return jax.block_until_ready(trajectory.from_each_sample(cost))
 
 
-def plot_costate(scene: AbstractScene, trajectory: Trajectory, cost: Callable[[Trajectory], Array]) -> Figure:
+def plot_costate(
+    scene: AbstractScene, trajectory: Trajectory, cost: Callable[[Trajectory], Array], *, progress: bool = True
+) -> Figure:
     """The costate over time, one line for each coordinate, above those of the velocities. It jumps at impacts, where
     the lines are broken.
 
-    Arguments: the scene; its trajectory with samples (`ts=`), which should be dense; `cost(trajectory) -> J`.
-    Returns: the figure. Raises: as `costate`.
+    Arguments: the scene; its trajectory with samples (`ts=`), which should be dense; `cost(trajectory) -> J`;
+    `progress` as for `costate`. Returns: the figure. Raises: as `costate`.
     """
-    found = costate(trajectory, cost)
+    found = costate(trajectory, cost, progress=progress)
     figure = new_figure((8, 5))
     t, n = np.asarray(trajectory.ts), int(trajectory.events.count)
     times = np.asarray(trajectory.events.time[:n])

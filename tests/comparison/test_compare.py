@@ -129,6 +129,9 @@ def test_ctrl_c_keeps_finished_rows(tmp_path):
     with open(tmp_path / "table.csv", newline="") as file:
         written = {line["method"]: line for line in csv.DictReader(file)}
     assert float(written["where"]["d/d value[3]"]) == comparison["where"].gradient[3]
+    frame = comparison.to_pandas()
+    assert list(frame.index) == ["reference", "failing", "where"] and list(frame) == list(written["where"])[1:]
+    assert frame["d/d value[3]"]["where"] == comparison["where"].gradient[3] and np.isnan(frame["value"]["failing"])
     plot_comparison(comparison).savefig(tmp_path / "table.png")
 
 

@@ -86,6 +86,7 @@ def test_an_error_that_is_not_known_is_on_no_front():
     good = Point("Dopri8", "Replay", "float64", 1e-9, 1e-9, 1e-9, 1e-4)
     study = WorkPrecision((fast, good))
     assert study.pareto() == [good] and study.pareto("value_error") == [fast, good]
+    assert study.to_pandas()["tolerance"].tolist() == [1e-3, 1e-9]
 
 
 def test_the_run_that_errors_are_measured_against_has_none():
