@@ -103,6 +103,24 @@ def chosen_settings(
     return {**own, **given}
 
 
+def run_settings(
+    asked: Mapping[str, Any], adjoint: AbstractGradientMethod, ts: Any, x0: Any, arguments: Any
+) -> tuple[RunSettings, Any]:
+    """What a motion from x0 is run with, all of it asked, and its capture speed. `arguments` are those of the motion.
+
+    Raises: ValueError or TypeError for what is no count, no number or no solver, or does not go together."""
+    check_counts(asked)
+    leaves = jax.tree.leaves(x0)
+    dtype, size = jnp.result_type(*leaves), sum(leaf.size for leaf in leaves)
+    numbers = (asked["rtol"], asked["atol"], asked["max_step"], asked.get("capture_speed", 0.0))
+    rtol, atol, max_step, capture_speed = given_numbers(*numbers, dtype, arguments)
+    solver, max_events, max_steps = asked["solver"] or diffrax.Tsit5(), asked["max_events"], asked["max_steps"]
+    segment_steps = segment_room(adjoint, ts)
+    check_room(max_events, segment_steps or max_steps, size, dtype)
+    run = RunSettings(solver, rtol, atol, max_events, max_steps, segment_steps, max_step, adjoint.step_rtol)
+    return run, capture_speed
+
+
 def given_numbers(rtol, atol, max_step, capture_speed, dtype, arguments) -> tuple[Any, Any, Any, Any]:
     """The settings that are numbers, checked, in the same order.
 
@@ -167,13 +185,18 @@ def check_solver(name: str, solver: Any) -> None:
         )
 
 
-def check_settings(max_events, max_steps, solver, adjoint, throw):
-    """Raise ValueError or TypeError for room that is no count, and for what is no solver, method or way to raise."""
-    for name, value in (("max_events", max_events), ("max_steps", max_steps)):
+def check_counts(asked: Mapping[str, Any]) -> None:
+    """Raise ValueError or TypeError for room that is no count, and for what is no solver."""
+    for name in ("max_events", "max_steps"):
+        value = asked[name]
         if not isinstance(value, int) or isinstance(value, bool) or value < 1:
             raise ValueError(f"`{name}` must be an integer >= 1, but is {value!r}.")
-    if solver is not None:
-        check_solver("solver", solver)
+    if asked["solver"] is not None:
+        check_solver("solver", asked["solver"])
+
+
+def check_method(adjoint: Any, throw: Any) -> None:
+    """Raise TypeError for what is no gradient method, and no way to raise."""
     if adjoint is not None and not isinstance(adjoint, AbstractGradientMethod):
         raise TypeError(f"`adjoint` must be a gradient method such as hybridsens.Replay(), but is {kind_of(adjoint)}.")
     if not isinstance(throw, bool) and not (isinstance(throw, str) and throw == "nan"):

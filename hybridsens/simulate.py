@@ -36,7 +36,7 @@ from .numerics.shapes import Shapes
 from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .reported import Reported
-from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
+from .settings import check_method, declared_jump_times, horizon_status, run_settings
 from .system_checks import mode_as_arrays
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.numbers import told_of_constants
@@ -117,20 +117,22 @@ def simulate(
     is placed on several devices a mesh with automatic axes.
     """
     written, running_cost = scene, same_function(running_cost)
+    asked = dict(
+        solver=solver, rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step,
+        capture_speed=capture_speed,
+    )  # fmt: skip
     again = functools.partial(  # the same call for other `ts`
-        simulate, scene, state, mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
-        rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step,
-        capture_speed=capture_speed, adjoint=adjoint, throw=throw,
+        simulate, scene, state, mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, adjoint=adjoint,
+        throw=throw, **asked,
     )  # fmt: skip
     check_kinds(scene, state)
     scene = told_of_constants(scene)
     t0, t1, ts, state = _as_arrays(t0, t1, ts, state)
-    check_settings(max_events, max_steps, solver, adjoint, throw)
+    check_method(adjoint, throw)
+    adjoint = adjoint or Replay()
     if capture_speed is None:
-        capture_speed = default_capture_speed(state.q.dtype)
-    rtol, atol, max_step, capture_speed = given_numbers(
-        rtol, atol, max_step, capture_speed, state.q.dtype, (scene, state, t0, t1, ts)
-    )
+        asked["capture_speed"] = default_capture_speed(state.q.dtype)
+    settings, capture_speed = run_settings(asked, adjoint, ts, state, (scene, state, t0, t1, ts))
     check_mesh(scene, running_cost, state, t0, t1, ts)
     if throw is True:
         raise_unless_times_fit(t0, t1, ts)
@@ -139,15 +141,9 @@ def simulate(
     if scene.located_discontinuities:
         scene, running_cost, mode = located(scene, running_cost, t0, state, mode)
     scene, running_cost, switching, program = _prepared(scene, running_cost, t0, state, mode)
-    adjoint = adjoint or Replay()
-    segment_steps = segment_room(adjoint, ts)
-    check_room(max_events, segment_steps or max_steps, 2 * state.q.shape[0], state.q.dtype)
-    settings = RunSettings(
-        solver or diffrax.Tsit5(), rtol, atol, max_events, max_steps, segment_steps, max_step, adjoint.step_rtol
-    )
     # Numbers that the system holds and no derivative is taken by.
     fixed = lambda x: x if isinstance(x, float) else Fixed.of(x, state.q.dtype)
-    depth = fixed(rtol), fixed(atol)
+    depth = fixed(settings.rtol), fixed(settings.atol)
     mechanics = MechanicalSystem(
         scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts, program=program
     )

@@ -22,7 +22,7 @@ from .located.system import located, own_guards, own_mode, own_number
 from .numerics.shapes import Shapes
 from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
-from .settings import check_room, check_settings, declared_jump_times, given_numbers, horizon_status, segment_room
+from .settings import check_method, declared_jump_times, horizon_status, run_settings
 from .solution import Solution, SolutionEvents, last_events
 from .status import Status
 from .system import AbstractHybridSystem
@@ -92,7 +92,7 @@ def solve(
         elsewhere = ", a scene: use hybridsens.simulate" if hasattr(system, "mass_matrix") else ""
         raise TypeError(f"`system` must be a hybridsens.AbstractHybridSystem, but is {kind_of(system)}{elsewhere}.")
     system, running_cost = told_of_constants(system), same_function(running_cost)
-    check_settings(max_events, max_steps, solver, adjoint, throw)
+    check_method(adjoint, throw)
     x0, dtype = state_as_arrays(x0)
     check_mode_given(system, mode, "system")
     mode = mode_as_arrays(mode)
@@ -108,19 +108,14 @@ def solve(
     system, running_cost, program = lifted(system, running_cost, t0, x0, mode)
     system, running_cost = in_type((system, running_cost), dtype)
     adjoint = adjoint or Replay()
-    again = Call.of(
-        dict(
-            system=system, x0=x0, mode=mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, solver=solver,
-            rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step, adjoint=adjoint,
-            throw=throw,
-        )
-    )  # fmt: skip
-    rtol, atol, max_step, _ = given_numbers(rtol, atol, max_step, 0.0, dtype, (system, x0, t0, t1, ts))
-    segment_steps = segment_room(adjoint, ts)
-    check_room(max_events, segment_steps or max_steps, sum(leaf.size for leaf in jax.tree.leaves(x0)), dtype)
-    settings = RunSettings(
-        solver or diffrax.Tsit5(), rtol, atol, max_events, max_steps, segment_steps, max_step, adjoint.step_rtol
+    asked = dict(
+        solver=solver, rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step
     )
+    again = dict(
+        system=system, x0=x0, mode=mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, adjoint=adjoint,
+        throw=throw, **asked,
+    )  # fmt: skip
+    settings, _ = run_settings(asked, adjoint, ts, x0, (system, x0, t0, t1, ts))
     given = system, running_cost, x0, t0, t1, ts, jump_ts
     (system, running_cost, x0, t0, t1, ts, jump_ts), mark = entering(given, dtype, adjoint, throw)
     guards, first_mode = counts.guards, mode
@@ -135,7 +130,7 @@ def solve(
     solution = eqx.tree_at(lambda s: s.events, solution, dataclasses.replace(solution.events, names=names))
     shown = lambda solution: _shown_by_values(*written, (t0, t1, ts), solution)
     solution = leaving((solution, mark), (flat, x0, t0, t1, ts), adjoint, throw, shown)
-    return eqx.tree_at(lambda s: s.again, solution, again, is_leaf=lambda leaf: leaf is None)
+    return eqx.tree_at(lambda s: s.again, solution, Call.of(again), is_leaf=lambda leaf: leaf is None)
 
 
 class Call(eqx.Module):

@@ -60,9 +60,7 @@ def door_alone(monkeypatch, request):
     jaxtyping.config.update("jaxtyping_disable", True)
     if "behind" not in request.function.__name__:
         monkeypatch.setattr(importlib.import_module("hybridsens.simulate"), "_simulate", lambda *given: ENTERED)
-        monkeypatch.setattr(
-            importlib.import_module("hybridsens.simulate"), "answered", lambda motion, *_: motion
-        )
+        monkeypatch.setattr(importlib.import_module("hybridsens.simulate"), "leaving", lambda found, *_: found)
     yield
     jaxtyping.config.update("jaxtyping_disable", False)
 
