@@ -15,12 +15,14 @@ from .unresolved import RERUN, ROOM, marked, raised_if_marked
 from .validation.direction import forward_only, reverse_only
 
 
-def entering(given: Any, dtype: Any, adjoint: AbstractGradientMethod, throw: bool | str) -> tuple[Any, Any]:
-    """All that a motion is made from, and the mark that goes in with it."""
+def entering(given: Any, later: Any, dtype: Any, adjoint: AbstractGradientMethod, throw: bool | str) -> tuple:
+    """What a motion is made from, times that no step depends on, whose derivatives need none, and the mark that goes in
+    with them."""
     if not adjoint.forward_mode:
-        given = reverse_only(given)
+        given, later = reverse_only((given, later))
     mark = np.zeros((), dtype)
-    return marked(given, mark, _reason(adjoint)) if throw is True else (given, mark)
+    given, mark = marked(given, mark, _reason(adjoint)) if throw is True else (given, mark)
+    return given, later, mark
 
 
 def leaving(

@@ -155,7 +155,7 @@ def _follow_jvp(primals, tangents):
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
     moved = lambda m: (m.t, m.x, m.steps.t, m.steps.x, m.events.states)
     d_motion = eqx.tree_at(moved, nothing, (d.end, d.final, d.steps_t, d.steps_x, d.events))
-    return (batch_in_front(motion), mark), (d_motion, unresolved.astype(mark.dtype))
+    return (batch_in_front(motion), mark), (d_motion, unresolved.astype(mark.dtype) + mark)
 
 
 def go_back(
@@ -163,13 +163,13 @@ def go_back(
 ) -> Problem:
     """Cotangents of the problem from those of what is reported of its motion."""
     problem = _past_start(problem)
-    motion, _ = _follow(problem, options, motion)  # for forward over reverse
+    motion, mark = _follow(problem, options, motion)  # for forward over reverse
     backward = _backward_pass(problem, options, backward_options.adjoint, motion, cotangent)
     perturbed_ends = backward_options.t0_perturbed, backward_options.t1_perturbed
     initial = problem.t0, problem.x0
     by_system, by_x0, by_t0, by_t1, unresolved = pull_back(backward, motion, initial, problem.t1, perturbed_ends)
     by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
-    return Problem(by_system, by_x0, by_t0, by_t1, by_ts, unresolved.astype(problem.unresolved.dtype))
+    return Problem(by_system, by_x0, by_t0, by_t1, by_ts, unresolved.astype(mark.dtype) + mark)
 
 
 def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, cotangent: Observables) -> BackwardPass:

@@ -17,7 +17,7 @@ from .border import entering, leaving
 from .differentiable import differentiable_motion
 from .forward.solver import RunSettings
 from .located.system import own_mode
-from .mechanics.checks import check_kinds, check_shapes
+from .mechanics.checks import check_kinds, check_shapes, may_end
 from .mechanics.condensed import condensed
 from .mechanics.decisions import mode_before_any
 from .mechanics.event_table import shown_by_values
@@ -148,7 +148,7 @@ def simulate(
         scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts, program=program
     )
     system = mechanics if switching is None else SwitchedSystem(mechanics, *switching, mode)
-    (system, state, t0, t1, ts), mark = entering((system, state, t0, t1, ts), state.q.dtype, adjoint, throw)
+    (system, state, t0), (t1, ts), mark = entering((system, state, t0), (t1, ts), state.q.dtype, adjoint, throw)
     with waiting("compiling and simulating", progress):
         found = _simulate(system, state, (t0, t1, ts), mark, settings, adjoint)
     shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
@@ -202,7 +202,7 @@ def _simulate(
 
 
 def _trajectory(system: MechanicalSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:
-    (final, samples, states, _), status = reported.observed, reported.status
+    final, samples, states, _ = reported.observed
     happened = jnp.arange(states.time.shape[0]) < reported.count
     contact, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
     if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves
@@ -210,6 +210,7 @@ def _trajectory(system: MechanicalSystem, t1, ts, reported: Reported, cost: Shap
         modes = own_mode(reported.mode_after.own)
     q, v, z = system.split(final)
     before, after = (State(*system.split(x)[:2]) for x in (states.before, states.after))
+    status = may_end(system.scene, q, reported.status)
     kind = jnp.where(happened, reported.kind, -1)
     impulse, closing_speed = states.emitted
     order_matters = happened & reported.order_matters

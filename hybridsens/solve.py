@@ -116,8 +116,8 @@ def solve(
         throw=throw, **asked,
     )  # fmt: skip
     settings, _ = run_settings(asked, adjoint, ts, x0, (system, x0, t0, t1, ts))
-    given = system, running_cost, x0, t0, t1, ts, jump_ts
-    (system, running_cost, x0, t0, t1, ts, jump_ts), mark = entering(given, dtype, adjoint, throw)
+    given, later = (system, running_cost, x0, t0, jump_ts), (t1, ts)
+    (system, running_cost, x0, t0, jump_ts), (t1, ts), mark = entering(given, later, dtype, adjoint, throw)
     guards, first_mode = counts.guards, mode
     if written[0].located_discontinuities:
         system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))

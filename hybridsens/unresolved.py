@@ -30,7 +30,7 @@ RERUN = (
 
 
 def marked(given: Any, mark: Any, reason: str) -> tuple[Any, Any]:
-    """All that a motion is made from, and a mark of 0. Where the cotangent of the mark is not 0, the derivative by what
+    """What a motion is made from, and a mark of 0. Where the cotangent of the mark is not 0, the derivative by what
     is given is raised for that reason."""
     leaves, rest = eqx.partition(given, _may_vary)
     if not jax.tree.leaves(leaves):
@@ -64,7 +64,7 @@ def _marked_jvp(primals, tangents):
     add = lambda _, d: [*d, jnp.zeros_like(mark)]
     take = lambda _, cotangents: _raised(cotangents, reason)
     *leaves, d_mark = LinearMap(add, take)([], leaves, tangent_types((leaves, mark)))
-    return (given, jnp.asarray(mark)), (structure.unflatten(leaves), d_mark)
+    return _marked(given, mark, reason), (structure.unflatten(leaves), d_mark)
 
 
 @eqx.filter_custom_jvp
@@ -75,7 +75,8 @@ def _unmarked(found, mark, reason):
 
 @_unmarked.def_jvp
 def _unmarked_jvp(primals, tangents):
-    (found, _, reason), (d_found, d_mark, _) = primals, tangents
+    (found, mark, reason), (d_found, d_mark, _) = primals, tangents
+    found = _unmarked(found, mark, reason)  # where this is differentiated again
     if d_mark is None:
         return found, d_found
     leaves, structure = jax.tree.flatten(d_found)
@@ -86,6 +87,9 @@ def _unmarked_jvp(primals, tangents):
 
 
 def _raised(marked_leaves: list, reason: str) -> list:
-    """All but the mark, which is last. None stands for 0."""
+    """All but the mark, which is last. None stands for 0. A second derivative alone is told of by its tangent."""
     *leaves, mark = marked_leaves
-    return leaves if mark is None else raised_unless_zero(leaves, (mark != 0).astype(int), lambda _: reason)
+    if mark is None:
+        return leaves
+    leaves = raised_unless_zero(leaves, (mark != 0).astype(int), lambda _: reason)
+    return raised_if_marked(leaves, mark, reason)

@@ -25,10 +25,11 @@ class Oscillator(hs.AbstractHybridSystem):
         return x, mode
 
 
-def place(start, adjoint=None, t1=1000.0, **settings):
-    """The last place, from a place and a velocity of 0."""
+def place(start, adjoint=None, t1=1000.0, sampled=False, **settings):
+    """The last place, or the last that was sampled, from a place and a velocity of 0."""
     system, x0 = Oscillator(jnp.array(1.0)), jnp.stack([start, jnp.zeros(())])
-    return hs.solve(system, x0, t1=t1, max_steps=16, adjoint=adjoint, **settings).final[0]
+    solution = hs.solve(system, x0, t1=t1, max_steps=16, adjoint=adjoint, **settings)
+    return (solution.x[-1] if sampled else solution.final)[0]
 
 
 def each(function):
@@ -59,6 +60,23 @@ def test_a_compiled_program_raises_it(way):
     """JAX hands on what a program raises in exceptions of its own."""
     with pytest.raises(Exception, match=r"SimulationError: The derivative of the motion is not finished"):
         jax.block_until_ready(jax.jit(DERIVATIVES[way](place))(jnp.array(0.0)))
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("way", ["reverse", "forward"])
+def test_a_second_derivative_alone_is_raised(way, compiled):
+    """Of the square of the last place, whose first derivative at 0 is 0 and takes no steps."""
+    square = lambda x, **how: place(x, **how) ** 2
+    second = jax.hessian(square) if way == "reverse" else jax.jacfwd(jax.jacfwd(lambda x: square(x, adjoint=FORWARD)))
+    with pytest.raises(Exception, match="The derivative of the motion is not finished"):
+        jax.block_until_ready((jax.jit(second) if compiled else second)(jnp.array(0.0)))
+
+
+def test_times_at_which_it_is_looked_at_need_no_steps():
+    """By t1 and by the times of samples the derivative is the flow there, which is 0 at rest."""
+    sampled = lambda ts: place(jnp.array(0.0), t1=1000.0, ts=ts, sampled=True)
+    assert jax.grad(lambda t1: place(jnp.array(0.0), t1=t1))(1000.0) == 0
+    assert not jnp.any(jax.grad(sampled)(jnp.array([1.0, 900.0])))
 
 
 @pytest.mark.parametrize("throw", [False, "nan"])

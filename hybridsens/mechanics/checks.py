@@ -93,6 +93,16 @@ def may_begin(scene: AbstractScene, mode: ContactMode, event, now: Instant) -> S
     return status
 
 
+def may_end(scene: AbstractScene, q, status: Status) -> Status:
+    """The status of a motion that ends at q: the mass matrix may have been right by chance where it began, as at
+    q = 0."""
+    mass = scene.mass_matrix(q)
+    if isinstance(mass, ConstantMass):
+        return status
+    fits = ~status.reached_end | is_positive_definite(mass)
+    return Status.where(fits, status, ContactStatus.bad_mass_matrix)
+
+
 def returned_mass(asked: Asked, q) -> jax.ShapeDtypeStruct:
     """Shape and type of the mass matrix: an array, or a linear operator from coordinates to coordinates.
 

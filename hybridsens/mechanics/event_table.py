@@ -90,6 +90,7 @@ def shown_by_values(scene: AbstractScene, state: State, horizon: tuple, motion: 
         "penetration": lambda: _of_contact("gap", scene, scene.gap(t0, state.q), np.argmin),
         "bad_restitution": lambda: _of_contact("restitution", scene, scene.restitution(), _worst_restitution),
         "bad_mass_matrix": lambda: _of_mass(scene, motion.final.q),
+        "step_size_underflow": lambda: _of_singular_mass(scene, state.q, motion.final.q) or _last_events(motion),
         "event_repeats": lambda: _impacts_accumulate(scene) + _last_events(motion),
         "non_finite": lambda: not_finite_among(scene, state) or _last_events(motion),
     }
@@ -114,8 +115,7 @@ def _worst_restitution(e) -> int:
 
 def _of_mass(scene: AbstractScene, q) -> str:
     """Which entries are not symmetric, or the eigenvalue that is not positive."""
-    mass = scene.mass_matrix(q)
-    matrix = np.asarray(mass.as_matrix() if isinstance(mass, lx.AbstractLinearOperator) else mass)
+    matrix = _matrix(scene, q)
     if not np.all(np.isfinite(matrix)):
         return ""
     where = f"At q = {array_text(q)}"
@@ -123,6 +123,19 @@ def _of_mass(scene: AbstractScene, q) -> str:
         i, j = np.unravel_index(np.argmax(abs(matrix - matrix.T)), matrix.shape)
         return f"{where} M[{i}, {j}] is {matrix[i, j]:.6g} and M[{j}, {i}] is {matrix[j, i]:.6g}."
     return f"{where} its smallest eigenvalue is {np.linalg.eigvalsh(matrix)[0]:.6g}."
+
+
+def _of_singular_mass(scene: AbstractScene, q0, q) -> str:
+    """Eigenvalues of a mass matrix that has come far nearer to a singular one than it was; "" for another."""
+    (low0, high0), (low, high) = (np.linalg.eigvalsh(_matrix(scene, at))[[0, -1]] for at in (q0, q))
+    if not low / high < 1e-3 * (low0 / high0):
+        return ""
+    return f"At q = {array_text(q)} the mass matrix is all but singular, with eigenvalues from {low:.3g} to {high:.3g}."
+
+
+def _matrix(scene: AbstractScene, q) -> np.ndarray:
+    mass = scene.mass_matrix(q)
+    return np.asarray(mass.as_matrix() if isinstance(mass, lx.AbstractLinearOperator) else mass)
 
 
 def _last_events(motion: Any, shown: int = 3) -> str:

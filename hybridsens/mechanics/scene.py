@@ -73,7 +73,7 @@ class AbstractScene(Model):
         - Any other one is made an array.
 
         An array that does not depend on q is told from the trace and inverted once; the identity is seen through.
-        Symmetry and definiteness are asked at the start, and at every event where M depends on q: status
+        Symmetry and definiteness are asked at the start, and at every event and at the end where M depends on q: status
         `bad_mass_matrix`.
         """
 

@@ -20,7 +20,7 @@ class ContactStatus(Status):
     )
     bad_restitution = outcome("every coefficient of restitution must lie in [0, 1].")
     bad_mass_matrix = outcome(
-        "the mass matrix must be symmetric positive definite at the start and at every event, and is not."
+        "the mass matrix must be symmetric positive definite at the start, at every event and at the end, and is not."
     )
 
 

@@ -12,6 +12,7 @@ from ..export.names import coordinate_names, split_unit
 from ..mechanics.scene import AbstractScene, State
 from ..mechanics.trajectory import Trajectory
 from ..outcome import end_told
+from ..validation.caller import warn_caller
 from ..waiting import waiting
 from .figure import legend_above, line, must_be_sampled, new_figure
 
@@ -55,7 +56,14 @@ def costate(trajectory: Trajectory, cost: Callable[[Trajectory], Array], *, prog
     if broken_off:  # started again at a sample it would have room for more events, and end elsewhere
         raise ValueError(f"A costate must be that of a motion that reached t1, but this one did not.{broken_off}")
     with waiting("compiling the costate and following it from each sample", progress):
-        return jax.block_until_ready(trajectory.from_each_sample(cost))
+        found = jax.block_until_ready(trajectory.from_each_sample(cost))
+    lost = np.isnan(np.asarray(found.q)).any(1) & (np.asarray(trajectory.ts) < trajectory.end_time)
+    if lost.any():
+        warn_caller(
+            f"The costate is nan at {lost.sum()} of {lost.size} samples: from there the motion has no room to t1, or "
+            "its derivative has none (raise `max_steps`), or the cost of it is no number."
+        )
+    return found
 
 
 def plot_costate(

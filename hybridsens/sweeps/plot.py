@@ -129,6 +129,9 @@ def plot_bifurcation(
     state = _sampled_state(dataset, state)
     values, named = dataset[state], state
     if values.dims[-1] != "sample":  # one of its coordinates
+        count = values.shape[-1]
+        if component not in range(count):
+            raise ValueError(f"`component` must be one of the {count} of {state}, from 0, but is {component!r}.")
         values, named = values.isel({values.dims[-1]: component}), f"{state}[{component}]"
     if values.ndim != 2:
         raise ValueError(

@@ -85,6 +85,27 @@ def test_the_values_that_a_motion_failed_by_are_shown(e, height, given, message)
 @pytest.mark.parametrize(
     ("mass", "shown"),
     [
+        (lambda x: [[2.0, 0.0], [x, 2.0]], r"\(bad_mass_matrix\): .* M\[0, 1\] is 0 and M\[1, 0\] is 0.4[0-9]*.$"),
+        (lambda x: [[1.0 - 2.5 * x, 0.0], [0.0, 1.0]], r"\(step_size_underflow\): .* eigenvalues from .* to 1.$"),
+    ],
+)
+def test_a_mass_matrix_that_is_right_by_chance_where_it_begins_is_told(mass, shown):
+    """One that is not symmetric but at x = 0, though no event asks, and one that becomes singular."""
+
+    class Pulled(Between):
+        def mass_matrix(self, q):
+            return jnp.array(mass(q[0] - 1.0))
+
+        def force(self, t, q, v):
+            return jnp.array([0.1, 0.0])
+
+    with pytest.raises(hs.SimulationError, match=shown):
+        hs.simulate(Pulled(0.4), hs.State([1.0, 0.0], [0.5, 0.0]), t1=0.9)
+
+
+@pytest.mark.parametrize(
+    ("mass", "shown"),
+    [
         ([[1.0, 0.5], [0.4, 1.0]], r"M\[0, 1\] is 0.5 and M\[1, 0\] is 0.4"),
         pytest.param([[1.0, 2.0], [2.0, 1.0]], "its smallest eigenvalue is -1", marks=pytest.mark.slow),
     ],

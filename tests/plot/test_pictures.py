@@ -49,6 +49,11 @@ def test_a_costate_of_samples_is_refused(motion):
         hs.costate(motion, lambda following: jnp.sum(following.q[:, 0] ** 2))
 
 
+def test_a_costate_that_is_no_number_is_told_of(motion):
+    with pytest.warns(UserWarning, match="The costate is nan at 20 of 21 samples"):
+        hs.costate(motion, lambda following: jnp.nan * following.final.q[0])
+
+
 @pytest.mark.slow
 def test_the_costate_of_a_bounce_has_its_closed_form(motion):
     """J = q(1): after the impact (1, 1 - t). Before it, a shift dq of the fall ends in -e dq with the velocity changed

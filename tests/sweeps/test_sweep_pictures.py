@@ -125,6 +125,9 @@ def test_a_bifurcation_diagram_of_a_system_takes_a_leaf_of_its_state(state, dims
     several = xr.Dataset({state: leaf, "x.other": leaf, "sample_time": leaf})
     with pytest.raises(ValueError, match=f"is not told which: say state='{state}', state='x.other'"):
         plot_bifurcation(several)
+    if dims:
+        with pytest.raises(ValueError, match="`component` must be one of the 2 of"):
+            plot_bifurcation(xr.Dataset({state: leaf}), component=2)
 
 
 @pytest.mark.slow
