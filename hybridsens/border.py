@@ -20,8 +20,7 @@ def entering(given: Any, later: Any, dtype: Any, adjoint: AbstractGradientMethod
     with them."""
     if not adjoint.forward_mode:
         given, later = reverse_only((given, later))
-    mark = np.zeros((), dtype)
-    given, mark = marked(given, mark, _reason(adjoint)) if throw is True else (given, mark)
+    given, mark = marked(given, dtype, _reason(adjoint)) if throw is True else (given, np.zeros((), dtype))
     return given, later, mark
 
 
