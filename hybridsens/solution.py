@@ -136,8 +136,8 @@ class Solution(eqx.Module):
         return solution_dataset(self)
 
     def to_pandas(self):
-        """A pandas DataFrame of the samples, indexed by time, of a batch by run and time. `.events.to_pandas()` is
-        that of the events.
+        """A pandas DataFrame of the samples, indexed by time, of a batch by run and time: the state, and the mode
+        unless the solution was loaded. `.events.to_pandas()` is that of the events.
 
         Raises: ImportError without pandas; ValueError for a batch of more than one axis or a motion without samples."""
         return solution_samples(self)

@@ -144,8 +144,9 @@ def _numbers(table: Mapping[str, Any], name: str) -> np.ndarray:
     try:
         return as_numbers(table[name])
     except (TypeError, ValueError) as error:
+        told = str(error).removesuffix(".")
         raise ValueError(
-            f"Column {name!r} must hold numbers, and NaN where one is missing, but does not: {error}. Convert it by "
+            f"Column {name!r} must hold numbers, and NaN where one is missing, but does not: {told}. Convert it by "
             '`pandas.to_numeric(column, errors="coerce")`, or leave it out: `read_measurements(data, columns=[...])`, '
             "in a terminal --columns."
         ) from error

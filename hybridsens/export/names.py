@@ -43,6 +43,8 @@ def _rate(name: str) -> str:
     what, unit = split_unit(name)
     if unit is None:
         return f"{name} rate"
+    if unit.endswith(" s"):  # of a flux linkage [V s] it is a voltage
+        return f"{what} rate [{unit.removesuffix(' s')}]"
     return f"{what} rate [{'1/s' if unit in ('', '1') else f'{unit}/s'}]"
 
 

@@ -41,13 +41,24 @@ def solution_dataset(solution: Any):
 
 
 def solution_samples(solution: Any):
-    """As `Solution.to_pandas`: one row for each sample, one column for each entry of the state."""
+    """As `Solution.to_pandas`: one row for each sample, one column for each entry of the state and of the mode."""
     must_have_samples(solution, "solve")
     if np.ndim(solution.events.count) > 0:
         return of_each_run(solution, solution.events.count, solution_samples)
     must_be_known(solution.events.count, "to_pandas()")
     pandas = optional("pandas", "to_pandas()")
-    return pandas.DataFrame(_columns("x", solution.x), pandas.Index(np.asarray(solution.ts), name="time"))
+    columns = _columns("x", solution.x) | _columns("mode", _with_counts(_sampled_modes(solution)))
+    return pandas.DataFrame(columns, pandas.Index(np.asarray(solution.ts), name="time"))
+
+
+def _sampled_modes(solution: Any) -> Any:
+    """The mode at each sample; None where there is none, or a loaded motion does not know the first one."""
+    if solution.again is None:
+        return None
+    events = happened(solution.events)
+    passed = np.searchsorted(events.time, np.asarray(solution.ts), side="right")
+    modes = lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)])[passed]
+    return jax.tree.map(modes, solution.again.initial_mode(), events.mode)
 
 
 def solution_events(events: Any):

@@ -25,8 +25,8 @@ FEW = 3
 
 
 def plot_solution(solution: Solution, leaves: Sequence[str] | None = None) -> Figure:
-    """A panel for each leaf of the state, one for the small numbers in the mode, one for each other number there, one
-    with a tick for each event.
+    """A panel for each leaf of the state; of the mode one with a bar for each truth while it holds, one for the small
+    numbers, one for each other number; and one with a tick for each event.
 
     Arguments: a solution with samples (`ts=`), which should be dense; names of the leaves to draw, as the panels have
     them, ["x.level", "mode.on"] (default: all but the places of a `DelayQueue`).
@@ -65,13 +65,15 @@ def _chosen(solution: Solution, leaves: Sequence[str] | None) -> tuple[dict, lis
     states, modes = _rows("x", solution.x), _modes(solution)
     if leaves is None:
         return states, modes
-    known = [*states, *(name for together in modes for name in together)]
+    entries = [name for together in modes for name in together]
+    known = list(dict.fromkeys([*states, *map(_leaf_of, entries), *entries]))
     if unknown := [name for name in leaves if name not in known]:
         raise ValueError(
             f"`leaves` must have names among {', '.join(known)}, but has {', '.join(map(str, unknown))}."
             f"{did_you_mean(unknown, known)}"
         )
-    kept = [{name: rows for name, rows in together.items() if name in leaves} for together in modes]
+    asked = lambda name: name in leaves or _leaf_of(name) in leaves
+    kept = [{name: rows for name, rows in together.items() if asked(name)} for together in modes]
     return {name: states[name] for name in leaves if name in states}, [together for together in kept if together]
 
 
@@ -103,10 +105,18 @@ def _modes(solution: Solution) -> list[dict[str, np.ndarray]]:
     joined = lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)[:count]])
     modes = jax.tree.map(joined, solution.again.initial_mode(), solution.events.mode)
     modes = jax.tree.map(lambda part: None if _is_queue(part) else part, modes, is_leaf=_is_queue)
-    drawn = {name: leaf for name, leaf in _rows("mode", modes).items() if leaf.shape[1] == 1}
-    few = {name: leaf for name, leaf in drawn.items() if np.abs(leaf.astype(float)).max() <= FEW}
-    alone = [{name: leaf} for name, leaf in drawn.items() if name not in few]
-    return [few, *alone] if few else alone
+    drawn = {}
+    for name, leaf in _rows("mode", modes).items():
+        drawn |= {name if leaf.shape[1] == 1 else f"{name}[{i}]": leaf[:, i] for i in range(leaf.shape[1])[:MOST]}
+    truths = {name: rows for name, rows in drawn.items() if rows.dtype == bool}
+    few = {name: rows for name, rows in drawn.items() if rows.dtype != bool and np.abs(rows).max() <= FEW}
+    alone = [{name: rows} for name, rows in drawn.items() if name not in truths and name not in few]
+    return [together for together in (truths, few) if together] + alone
+
+
+def _leaf_of(entry: str) -> str:
+    """The leaf of the mode that an entry is of: "mode.on" of "mode.on[2]"."""
+    return entry.partition("[")[0]
 
 
 def _is_queue(part: Any) -> bool:
@@ -130,23 +140,40 @@ def _draw_modes(axes: Axes, solution: Solution, modes: dict[str, np.ndarray]) ->
     begins = np.flatnonzero(np.append(-np.inf, times) <= first)[-1]  # which mode the motion is in at the first sample
     until = np.flatnonzero(np.append(-np.inf, times) <= last)[-1]
     t = np.concatenate([[first], times[begins:until], [last]])
+    modes = {name: rows[begins : until + 1] for name, rows in modes.items()}
+    if all(rows.dtype == bool for rows in modes.values()):
+        return _draw_truths(axes, t, modes)
     for i, (name, rows) in enumerate(modes.items()):
-        values = np.append(rows[begins : until + 1, 0], rows[until, 0]).astype(float)
+        values = np.append(rows, rows[-1]).astype(float)
         axes.plot(t, values, **line(i), linewidth=1.3, drawstyle="steps-post", label=name if len(modes) > 1 else None)
-    if all(rows.dtype.kind in "biu" for rows in modes.values()):
+    if all(rows.dtype.kind in "iu" for rows in modes.values()):
         axes.yaxis.set_major_locator(whole_ticks())
     axes.set_ylabel("mode" if len(modes) > 1 else next(iter(modes)))
     legend_above(axes)
 
 
+def _draw_truths(axes: Axes, t: np.ndarray, modes: dict[str, np.ndarray]) -> None:
+    """A row for each, with a bar from its time in `t` to the next one while it holds."""
+    for row, holds in enumerate(modes.values()):
+        spans = [(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(holds)]
+        axes.broken_barh(spans, (row - 0.3, 0.6), **{"facecolors": line(row)["color"]})
+    names = list(modes)
+    axes.set_yticks(range(len(names)), names if len(names) > 1 else [""])
+    axes.set_ylabel("mode" if len(names) > 1 else names[0])
+    axes.set_ylim(len(modes) - 0.4, -0.6)
+
+
 def _draw_events(axes: Axes, solution: Solution) -> None:
-    """A row for each number of event that happened, a tick at each time."""
-    count = int(solution.events.count)
+    """A row for each number of event that happened, and of few that have names for the others too, a tick at each
+    time."""
+    count, names = int(solution.events.count), solution.events.names
     guard, time = np.asarray(solution.events.guard)[:count], np.asarray(solution.events.time)[:count]
     numbers = sorted(set(guard.tolist()))
+    if names is not None and len(names) <= MOST_NAMES:
+        numbers = list(range(len(names)))
     for row, number in enumerate(numbers):
         axes.vlines(time[guard == number], row - 0.4, row + 0.4, color="black", linewidth=0.9)
     every = max(1, -(-len(numbers) // MOST_NAMES))  # names of more rows would lie on one another
     axes.set_yticks(range(0, len(numbers), every), [solution.events.name(number) for number in numbers[::every]])
     axes.set_ylim(max(len(numbers), 1) - 0.4, -0.6)
-    axes.set_ylabel("event" if numbers else "no event")
+    axes.set_ylabel("event" if count else "no event")

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from ..export.datasets import optional
+from ..export.names import coordinate_names
 from ..mechanics.mode import EventKind
 from ..parameters import parameters
 from ..status import Status
@@ -98,6 +99,8 @@ def _variable(name, struct, design: Design, units) -> Variable:
         meaning = "states at the times asked for"
     dims = (*design.shape, *inner)
     attributes = {"long_name": meaning} | _units(name, units)
+    if name in ("q", "v"):
+        attributes["columns"] = coordinate_names(design.scene, struct.shape[-1])[name == "v"]
     if name == "status":
         attributes |= _flags(Status.names())
     if name == "event_kind":

@@ -132,7 +132,9 @@ def plot_bifurcation(
         count = values.shape[-1]
         if component not in range(count):
             raise ValueError(f"`component` must be one of the {count} of {state}, from 0, but is {component!r}.")
-        values, named = values.isel({values.dims[-1]: component}), f"{state}[{component}]"
+        columns = values.attrs.get("columns", [f"{state}[{i}]" for i in range(count)])
+        named = np.atleast_1d(columns)[component]  # of a netCDF file a list of one text is that text
+        values = values.isel({values.dims[-1]: component})
     if values.ndim != 2:
         raise ValueError(
             f"A bifurcation diagram must have one parameter, but the points have the dimensions {values.dims[:-1]}."

@@ -116,8 +116,10 @@ def _of_state(asked: Asked, arguments, error: str) -> str:
     given, note = dict(zip(asked.arguments, arguments, strict=False)), ""
     if "mode" in given and given["mode"] is None and "None" in error:
         note += "\nIts `mode` is None, as none was given: give the initial mode as the argument `mode`."
-    if "x" in given and (row := _row_in(given["x"])):
-        note += f"\nIn its `x` there is a {row}, as in `x0`, and no array: give a vector as `jnp.array([...])`."
+    for name, start in (("x", "x0"), ("mode", "mode")):
+        if name in given and (row := _row_in(given[name])):
+            note += f"\nIn its `{name}` there is a {row}, as in `{start}`, and no array: give a vector as "
+            note += "`jnp.array([...])`."
     return note
 
 

@@ -52,7 +52,10 @@ def motion():
 def test_samples_and_events_are_tables(motion):
     """Columns are named by the leaves of the state; rows are the events that there were, at their known times."""
     samples, events = motion.to_pandas(), motion.events.to_pandas()
-    assert list(samples.columns) == ["clock.0", "clock.1", "level[0]", "level[1]"]
+    modes = ["mode.count[0]", "mode.count[1]", "mode.last"]
+    assert list(samples.columns) == ["clock.0", "clock.1", "level[0]", "level[1]", *modes]
+    before = np.searchsorted([1 / 0.8, 1 / 0.45, 2 / 0.8], TS, side="right")
+    assert samples["mode.count[0]"].tolist() == np.array([0, 1, 1, 2])[before].tolist()
     np.testing.assert_allclose(samples["clock.0"], TS, atol=1e-12)
     np.testing.assert_array_equal(samples["level[1]"], motion.x["level"][:, 1])
     np.testing.assert_allclose(events["time"], [1 / 0.8, 1 / 0.45, 2 / 0.8], rtol=1e-9)

@@ -1,5 +1,6 @@
 """The picture of a hybrid system's motion: which panels it has, and what is drawn in them."""
 
+import dataclasses
 import types
 
 import jax
@@ -12,19 +13,38 @@ from hybridsens.solution import SolutionEvents
 
 
 def test_whole_modes_have_whole_ticks_and_only_several_a_legend():
-    """Of one switch; of a switch and a number; of a number that is real."""
-    modes = ({"on": True}, {"on": True, "visits": 1}, {"speed": 0.5})
+    """Of one number; of two; of a number that is real."""
+    modes = ({"gear": 2}, {"gear": 2, "visits": 1}, {"speed": 0.5})
     panels = [hs.plot_solution(switched_once(mode)).axes[1] for mode in modes]
-    assert [panel.get_ylabel() for panel in panels] == ["mode.on", "mode", "mode.speed"]
+    assert [panel.get_ylabel() for panel in panels] == ["mode.gear", "mode", "mode.speed"]
     assert [panel.get_legend() is not None for panel in panels] == [False, True, False]
     whole = [all(tick == round(tick) for tick in panel.get_yticks()) for panel in panels]
     assert whole == [True, True, False]
 
 
 def test_a_counter_in_the_mode_has_a_panel_of_its_own():
-    """It would flatten the switches beside it."""
-    panels = hs.plot_solution(switched_once({"on": True, "off": False, "visits": 99})).axes
+    """It would flatten the small numbers beside it."""
+    panels = hs.plot_solution(switched_once({"gear": 1, "side": 0, "visits": 99})).axes
     assert [panel.get_ylabel() for panel in panels[1:]] == ["mode", "mode.visits", "event"]
+
+
+def test_truths_of_a_mode_are_bars_while_they_hold():
+    """One leaf of two, of which the second holds until 1."""
+    mode = {"on": jnp.array([False, True])}
+    motion = switched_once({"on": True})
+    motion.events.mode["on"] = jnp.array([[False, False]])
+    motion.again.initial_mode = lambda: mode
+    panel = hs.plot_solution(motion).axes[1]
+    assert [label.get_text() for label in panel.get_yticklabels()] == ["mode.on[0]", "mode.on[1]"]
+    off, on = (bars.get_paths() for bars in panel.collections)
+    assert not off and on[0].vertices[:, 0].min() == 0 and on[0].vertices[:, 0].max() == 1
+    assert _labels(motion, ["mode.on"]) == _labels(motion, ["mode.on[0]", "mode.on[1]"]) == ["mode", "event"]
+
+
+def test_events_that_did_not_come_have_a_row_where_they_have_names():
+    motion = switched_once({"on": True})
+    motion = dataclasses.replace(motion, events=dataclasses.replace(motion.events, names=("here", "never")))
+    assert [label.get_text() for label in hs.plot_solution(motion).axes[-1].get_yticklabels()] == ["here", "never"]
 
 
 @pytest.mark.parametrize(

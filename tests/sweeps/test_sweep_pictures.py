@@ -106,7 +106,10 @@ def test_a_bifurcation_diagram_shows_period_one_where_the_motion_repeats():
     amplitude = 1 / ((1 - frequencies**2) + 1j * frequencies)  # q = Re(amplitude exp(i Omega t))
     expected = np.repeat(amplitude.real[:, None], 3, axis=1)
     np.testing.assert_allclose(found.q[..., 0], expected, atol=1e-7)
-    drawn = plot_bifurcation(found).axes[0].lines[0]
+    axes = plot_bifurcation(found).axes[0]
+    drawn = axes.lines[0]
+    assert axes.get_ylabel() == "displacement [m], sampled"
+    assert plot_bifurcation(found, "v").axes[0].get_ylabel() == "displacement rate [m/s], sampled"
     np.testing.assert_allclose(drawn.get_ydata(), expected.ravel(), atol=1e-7)
     np.testing.assert_array_equal(drawn.get_xdata(), np.repeat(frequencies, 3))
     np.testing.assert_allclose(found.sample_time, (2 * np.pi / frequencies)[:, None] * np.arange(30, 33))
