@@ -18,11 +18,16 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+DRAWN = "lines: between sequences of events"
+MANY, CROWDED = 100, 0.5
+"""Of more sides of cells than that no line is drawn where this part of them would have one: they would hide the map."""
+
+
 def plot_sweep(dataset: "xr.Dataset") -> Figure:
     """Maps of J, of |dJ/dp| for both varied parameters, and of the number of events, over a grid of two parameters.
 
-    Lines separate regions with different sequences of events: J has a kink or a jump there. Failed points are hatched.
-    A line below says so. Units are those that `sweep` was given.
+    Lines separate regions with different sequences of events, unless almost each point has its own: J has a kink or a
+    jump there. Failed points are hatched. A line below says so. Units are those that `sweep` was given.
     Raises: ValueError unless the points are a grid of two parameters (choose with `dataset.sel` or `.isel`).
     """
     dims = dataset.J.dims
@@ -43,6 +48,7 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
             maps[f"|dJ/d {dim}|"] = abs(chosen).assign_attrs(chosen.attrs)
     if "event_count" in dataset:
         maps["events"] = dataset.event_count.where(dataset.J.notnull())
+    borders = _borders_told(dataset)
     columns = 2 if len(maps) > 3 else len(maps)
     rows = -(-len(maps) // columns)
     figure = new_figure((4.2 * columns, 3.4 * rows))
@@ -50,13 +56,23 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     for axes, (title, values) in zip(panels, maps.items(), strict=len(maps) == panels.size):
         draw_map(axes, values, logarithmic=title.startswith("|"))
         axes.set_title(_with_units(title, values), fontsize="medium")
-        if "event_sequence" in dataset:
+        if borders == DRAWN:
             draw_borders(axes, dataset.event_sequence)
-    several = "event_sequence" in dataset and np.unique(dataset.event_sequence).size > 1
-    lines = ["lines: between sequences of events"] if several else []
-    if told := "; ".join([*lines, *unknowns(maps, "interrupted" in dataset.attrs)]):
+    if told := "; ".join([*([borders] if borders else []), *unknowns(maps, "interrupted" in dataset.attrs)]):
         figure.supxlabel(told, fontsize="small", x=0.99, ha="right")
     return figure
+
+
+def _borders_told(dataset: "xr.Dataset") -> str:
+    """What is said of lines between sequences of events; "" where there is one sequence."""
+    if "event_sequence" not in dataset:
+        return ""
+    sequence = dataset.event_sequence.values
+    sides = [np.ravel(sequence[1:] != sequence[:-1]), np.ravel(sequence[:, 1:] != sequence[:, :-1])]
+    changes = np.concatenate(sides)
+    if not changes.any():
+        return ""
+    return DRAWN if changes.size < MANY or changes.mean() < CROWDED else "almost each point has a sequence of its own"
 
 
 def unknowns(maps: Mapping[str, "xr.DataArray"], interrupted: bool) -> list[str]:

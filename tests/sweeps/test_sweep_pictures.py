@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import hybridsens
@@ -81,11 +82,18 @@ def test_a_map_of_one_count_has_one_tick_and_a_logarithmic_one_both_ends():
 
 
 def test_lines_are_spoken_of_where_there_are_any():
-    """Where all points have one sequence of events, none is drawn."""
-    coords = {"a": [1.0, 2.0], "b": [1.0, 2.0]}
-    for sequence, words in (([[0, 0], [0, 0]], ""), ([[0, 1], [0, 0]], "lines: between sequences of events")):
-        found = xr.Dataset({"J": (("a", "b"), np.ones((2, 2))), "event_sequence": (("a", "b"), sequence)}, coords)
-        assert plot_sweep(found).get_supxlabel() == words
+    """Where all points have one sequence of events, none is drawn, nor where each has its own and they would hide the
+    map."""
+    lines, none = "lines: between sequences of events", "almost each point has a sequence of its own"
+    for sequence, words in (
+        (np.zeros((2, 2)), ""), (np.eye(2), lines), (np.eye(9), lines), (np.arange(81).reshape(9, 9), none),
+    ):  # fmt: skip
+        coords = {dim: np.arange(len(sequence)) for dim in "ab"}
+        grid = {"J": (("a", "b"), np.ones(sequence.shape)), "event_sequence": (("a", "b"), sequence)}
+        figure = plot_sweep(xr.Dataset(grid, coords))
+        assert figure.get_supxlabel() == words
+        drawn = any(isinstance(part, LineCollection) for part in figure.axes[0].collections)
+        assert drawn == (words == lines)
 
 
 @pytest.mark.slow
