@@ -16,6 +16,7 @@ from ..settings import Settings, chosen_settings
 from ..validation.arguments import real_tolerance
 from ..waiting import waiting
 from .check_causes import find_causes
+from .check_default import at_default
 from .check_doubts import KINK, UNDECIDED, ParameterCheck
 from .check_events import check_events
 from .check_motions import largest_state, on_sequence, value_with_calls
@@ -53,7 +54,8 @@ def check_gradient(
     A deviation is measured by the largest of three: the entry; 1e-3 of the largest entry, each times its parameter; the
     slope that J has nearby. So a wrong entry passes if it is below `tolerance` times the other two.
 
-    Where something is in doubt, `causes` says what is likely behind it, and what to do.
+    Where something is in doubt, `causes` says what is likely behind it, and what to do. `at_default` says what is left
+    of the gradient at the tolerance that a motion has by default.
 
     Arguments: as `compare`; `cost(scene, simulate)` must call `simulate` outside of `jax.jit` and `jax.vmap`, without
     settings of its own. `parameters`: names of those to check, arrays or entries (["mass", "weight[3]"]); default all,
@@ -123,7 +125,10 @@ def _check(
     said = zip(calls, reported.status, reported.doubt_time, strict=True)  # of the motions where a derivative is taken
     calls = [call._replace(status=status, doubt_time=time) for call, status, time in said]
     off = _resolved(checks, limits, lambda: resolved_gradient(parameters, cost, chosen, counts))
-    return GradientCheck(tuple(checks), tuple(events), find_causes(checks, events, calls, off, chosen))
+    causes = find_causes(checks, events, calls, off, chosen)
+    tell("compiling the adjoint at the default tolerance")
+    default = at_default(parameters, cost, method, chosen, reverse, size)
+    return GradientCheck(tuple(checks), tuple(events), causes, default)
 
 
 def _must_be_numbers(parameters: FlatParameters, J: float) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ..export.text import name_and_numbers, preformatted, wrapped
+from .check_default import AtDefault
 from .check_doubts import Cause, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck
 
@@ -29,6 +30,8 @@ class GradientCheck(NamedTuple):
     """What was found of each event."""
     causes: tuple[Cause, ...] = ()
     """Likely causes of what is in doubt."""
+    at_default: AtDefault | None = None
+    """What the gradient is at the default tolerance of a motion; None where the check was not made at a tighter one."""
 
     @property
     def ok(self) -> bool:
@@ -49,18 +52,19 @@ class GradientCheck(NamedTuple):
             doubtful = sum(bool(entry.verdict) for entry in hidden)
             lines.append(f"... and {len(hidden)} more, of which {doubtful} are in doubt")
         lines += ["", *_event_lines(self.events)] if self.events else []
+        at_default = [] if self.at_default is None else [str(self.at_default)]
         if self.ok:
             all_tested = not any(entry.verdict for entry in self.events)
             told = ["All agree."] if all_tested else ["All that could be tested agree.", *map(_cause_line, self.causes)]
             if not any(entry.adjoint or entry.differences for entry in self.parameters):
                 told += [wrapped(_ALL_ZERO, 4)]
-            return "\n".join([*lines, "", *told])
+            return "\n".join([*lines, "", *told, *at_default])
         wrong = [entry.parameter for entry in self.parameters if entry.verdict]
         events = [entry.label for entry in self.events if entry.verdict]
         doubt = wrapped(f"In doubt: parameters {_listed(wrong) or '-'}; events {_listed(events) or '-'}.", 4)
         causes = [_cause_line(cause) for cause in self.causes]
         numbered = [_NUMBERED] if re.search(r"\d:\d", "".join(causes)) else []
-        return "\n".join([*lines, "", doubt, *causes, *numbered])
+        return "\n".join([*lines, "", doubt, *causes, *numbered, *at_default])
 
     def _shown(self) -> list[ParameterCheck]:
         """The parameters that have a row: of many the first ones, those in doubt before others."""

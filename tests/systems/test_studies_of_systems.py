@@ -47,7 +47,8 @@ def test_a_check_of_a_system():
     """All agree."""
     check = hs.check_gradient(NEURON, third_spike)
     assert check.ok and [entry.parameter for entry in check.parameters] == ["tau", "w"]
-    assert str(check).endswith("All agree.") and "determinant" not in str(check)
+    assert "All agree.\nAt the default tolerance" in str(check) and "determinant" not in str(check)
+    assert check.at_default.deviation < 1e-6
 
 
 @pytest.mark.slow
