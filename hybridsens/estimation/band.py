@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..validation.caller import warn_caller
 from .uncertainty import Uncertainty, half_width
 
 
@@ -34,6 +35,11 @@ def band(function: Callable[[Any], Any], values, uncertainty: Uncertainty, level
         return found, found
 
     J, value = jax.jacfwd(twice, has_aux=True)(jnp.asarray(values))
+    if lost := int(np.sum(~np.isfinite(value))):
+        warn_caller(
+            f"{lost} of {value.size} numbers that `function(scene)` returns are not finite: times of events that did "
+            "not come are inf (lengthen the horizon, or raise `max_events`), what a motion did not reach is nan."
+        )
     half = half_width(_spread(np.asarray(J), uncertainty), level, uncertainty.quantile_freedom)
     return Band(np.asarray(value), np.asarray(value - half), np.asarray(value + half))
 

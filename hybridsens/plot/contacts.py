@@ -32,7 +32,7 @@ def contact_forces(scene: AbstractScene, trajectory: Trajectory):
 
 
 def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
-    """Forces of held contacts over time, and below them the impulse of each impact.
+    """Forces of held contacts over time, where contacts may be held, and below them the impulse of each impact.
 
     Arguments: the scene that moved; its trajectory with samples (`ts=`), which should be dense.
     Returns: the figure. Raises: ValueError without samples, or for a batch.
@@ -40,22 +40,26 @@ def plot_contacts(scene: AbstractScene, trajectory: Trajectory) -> Figure:
     t, forces = contact_forces(scene, trajectory)
     names = contact_names(scene, forces.shape[1])
     figure = new_figure((8, 4.5))
-    above, below = figure.subplots(2, 1, sharex=True)
+    panels = list(np.atleast_1d(figure.subplots(2 if scene.sustained_contact else 1, 1, sharex=True)))
+    *held, below = panels
     events, n = trajectory.events, int(trajectory.events.count)
     shown = contacts_shown(trajectory)
     for number, i in enumerate(shown):
         style = line(number)
-        above.plot(t, forces[:, i], **style, linewidth=1.4, label=f"contact {names[i]}")
+        label = f"contact {names[i]}"
+        for above in held:
+            above.plot(t, forces[:, i], **style, linewidth=1.4, label=label)
         impulse, time = np.asarray(events.impulse[:n, i]), np.asarray(events.time[:n])
-        below.vlines(time[impulse != 0], 0, impulse[impulse != 0], **style, linewidth=1.6)
+        below.vlines(time[impulse != 0], 0, impulse[impulse != 0], **style, linewidth=1.6, label=label)
         below.plot(time[impulse != 0], impulse[impulse != 0], "o", color=style["color"], markersize=4)
     if len(shown) < len(names):
         below.set_title(f"{len(shown)} of {len(names)} contacts", loc="left", fontsize="small")
-    if not np.any(forces):  # an axis of its own choice would show as if something small were there
-        above.set_yticks([0])
-    above.set_ylabel(f"force of held\ncontacts{unit_of_contact(scene, 'N')}")
+    for above in held:
+        above.set_ylabel(f"force of held\ncontacts{unit_of_contact(scene, 'N')}")
+        if not np.any(forces):  # an axis of its own choice would show as if something small were there
+            above.set_yticks([0])
     below.set_ylabel(f"impulse of\nimpacts{unit_of_contact(scene, 'N s')}")
     below.set_xlabel("time [s]")
     below.set_ylim(bottom=0)
-    legend_above(above)
+    legend_above(panels[0])
     return figure

@@ -32,6 +32,11 @@ def test_errors_of_several_parameters_add_up_with_their_correlation():
     np.testing.assert_allclose([value, high - value, value - low], [[18.0], [1.959964 * error], [1.959964 * error]])
 
 
+def test_times_of_events_that_do_not_come_are_told():
+    with pytest.warns(UserWarning, match="1 of 2 numbers that .* are not finite: times of events"):
+        band(lambda p: jnp.stack([p[0], jnp.inf + 0 * p[1]]), [1.0, 2.0, 3.0], known_by(np.eye(3)), 0.95)
+
+
 def test_what_the_data_do_not_tell_is_not_known_there():
     """One parameter that they say nothing of, one on its bound, where it is held, and one that they tell."""
     uncertainty = known_by(np.diag([0.25, np.inf, np.nan]))

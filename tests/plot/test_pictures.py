@@ -14,7 +14,7 @@ from hybridsens.plot.animation import _outlines
 from hybridsens.plot.figure import must_be_sampled, new_figure, solution_times
 from hybridsens.scenes import BouncingBall
 from tests.plot.test_plot_solution import switched_once
-from tests.problems.balls import Thrown
+from tests.problems.balls import RestlessBall, Thrown
 
 FALL = float(np.sqrt(2 / 9.81))
 PICTURES = (hs.animate, hs.plot_trajectory, hs.plot_contacts, hs.plot_coordinates, hs.plot_phase)
@@ -95,6 +95,13 @@ def test_impulses_are_drawn_where_they_strike(motion):
     below = hs.plot_contacts(NamedBall(), motion).axes[1]
     (dot,) = [line for line in below.lines if line.get_marker() == "o"]
     np.testing.assert_allclose(dot.get_xydata(), [[FALL, 1.8 * 9.81 * FALL]], rtol=1e-9)
+
+
+def test_where_nothing_is_ever_held_impulses_are_drawn_alone():
+    ball = RestlessBall(jnp.array(9.81), jnp.array(0.8))
+    motion = hs.simulate(ball, hs.State([1.0], [0.0]), t1=1.0, ts=jnp.linspace(0, 1, 5))
+    (only,) = hs.plot_contacts(ball, motion).axes
+    assert only.get_ylabel().startswith("impulse")
 
 
 def test_coordinates_have_their_names_and_jumps(motion):
