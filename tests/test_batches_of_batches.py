@@ -51,6 +51,11 @@ def test_an_empty_batch_has_an_empty_result(mapped):
     assert jax.vmap(mapped)(LANES[:0]).shape == (0, *alike.shape)
 
 
+def test_an_empty_batch_has_an_empty_jacobian_in_forward_mode():
+    """It was a maximum over no directions."""
+    assert jax.jacfwd(jax.vmap(forward))(LANES[:0]).size == 0
+
+
 @pytest.mark.slow
 def test_a_batch_of_jacobians(alone):
     """By rows: parameters and entries of the result are two axes."""

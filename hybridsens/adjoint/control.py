@@ -130,7 +130,7 @@ def _largest_of_directions(ratio):
 @_largest_of_directions.def_vmap
 def _largest_of_directions_vmap(axis_size, in_batched, ratio):
     del axis_size
-    return jnp.max(ratio) if in_batched[0] else ratio, False
+    return jnp.max(ratio, initial=0) if in_batched[0] else ratio, False  # there may be none
 
 
 def is_noise(size, peak, roundings=NOISE):
