@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "solution": {"outcome", "status", "export", "numerics"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status", "numerics"},
-    "unresolved": {"outcome", "xla"},
+    "unresolved": {"outcome"},
     "border": {"adjoint", "outcome", "unresolved", "validation"},
     "solve": {"export", "waiting"} | FRONT - {"simulate"} | METHOD | BASE,
     "simulate": {"mechanics", "waiting"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,

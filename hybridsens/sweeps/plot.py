@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-DRAWN = "lines: between sequences of events"
 MANY, CROWDED = 100, 0.5
 """Of more sides of cells than that no line is drawn where this part of them would have one: they would hide the map."""
 
@@ -48,7 +47,7 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
             maps[f"|dJ/d {dim}|"] = abs(chosen).assign_attrs(chosen.attrs)
     if "event_count" in dataset:
         maps["events"] = dataset.event_count.where(dataset.J.notnull())
-    borders = _borders_told(dataset)
+    lines, borders = _borders(dataset)
     columns = 2 if len(maps) > 3 else len(maps)
     rows = -(-len(maps) // columns)
     figure = new_figure((4.2 * columns, 3.4 * rows))
@@ -56,23 +55,23 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     for axes, (title, values) in zip(panels, maps.items(), strict=len(maps) == panels.size):
         draw_map(axes, values, logarithmic=title.startswith("|"))
         axes.set_title(_with_units(title, values), fontsize="medium")
-        if borders == DRAWN:
-            draw_borders(axes, dataset.event_sequence)
+        axes.add_collection(LineCollection(lines, colors="white", linewidths=0.8), autolim=False)
     if told := "; ".join([*([borders] if borders else []), *unknowns(maps, "interrupted" in dataset.attrs)]):
         figure.supxlabel(told, fontsize="small", x=0.99, ha="right")
     return figure
 
 
-def _borders_told(dataset: "xr.Dataset") -> str:
-    """What is said of lines between sequences of events; "" where there is one sequence."""
+def _borders(dataset: "xr.Dataset") -> tuple[list, str]:
+    """Lines between neighbouring points whose motions have different sequences of events, and what is said of them."""
     if "event_sequence" not in dataset:
-        return ""
-    sequence = dataset.event_sequence.values
-    sides = [np.ravel(sequence[1:] != sequence[:-1]), np.ravel(sequence[:, 1:] != sequence[:, :-1])]
-    changes = np.concatenate(sides)
-    if not changes.any():
-        return ""
-    return DRAWN if changes.size < MANY or changes.mean() < CROWDED else "almost each point has a sequence of its own"
+        return [], ""
+    sequence = dataset.event_sequence
+    x, y = (_edges(sequence[dim].values) for dim in sequence.dims)
+    lines = border_lines(x, y, sequence.values)
+    sides = 2 * sequence.size - sum(sequence.shape)
+    if sides >= MANY and len(lines) >= CROWDED * sides:
+        return [], "almost each point has a sequence of its own"
+    return lines, "lines: between sequences of events" if lines else ""
 
 
 def unknowns(maps: Mapping[str, "xr.DataArray"], interrupted: bool) -> list[str]:
@@ -117,13 +116,6 @@ def _log_ticks(values: np.ndarray) -> np.ndarray:
     between = LogLocator(subs=steps, numticks=6).tick_values(low, high)
     apart = (high / low) ** 0.08
     return np.unique([low, *between[(between > low * apart) & (between < high / apart)], high])
-
-
-def draw_borders(axes: Axes, sequence: "xr.DataArray") -> None:
-    """Lines between neighbouring points whose motions have different sequences of events."""
-    x, y = (_edges(sequence[dim].values) for dim in sequence.dims)
-    lines = border_lines(x, y, sequence.values)
-    axes.add_collection(LineCollection(lines, colors="white", linewidths=0.8), autolim=False)
 
 
 def border_lines(x: np.ndarray, y: np.ndarray, sequence: np.ndarray) -> list:

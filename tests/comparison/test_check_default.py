@@ -1,12 +1,14 @@
 """A check, made at a tight tolerance, says what is left of the gradient at the default tolerance of motions."""
 
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import hybridsens as hs
-from hybridsens.comparison.check_default import AtDefault, at_default
+from hybridsens.comparison.check_default import DEFAULT, AtDefault, at_default
 from hybridsens.parameters import flatten_parameters
 
 
@@ -27,6 +29,12 @@ class Decay(hs.AbstractHybridSystem):
 
 def last(system, solve):
     return solve(system, jnp.array(1.0), t1=1.0).final
+
+
+def test_the_default_tolerance_is_that_of_simulate_and_solve():
+    for function in (hs.simulate, hs.solve):
+        given = inspect.signature(function).parameters
+        assert given["rtol"].default == given["atol"].default == DEFAULT
 
 
 def test_what_is_off_at_the_default_tolerance_is_measured():
