@@ -126,6 +126,11 @@ class Solution(eqx.Module):
         t0, t1 = self.again.horizon()
         return at_times(ts, t1.dtype, (t0, t1), lambda ts: self.again(ts).x)
 
+    def modes_after(self, passed: Int[Array | np.ndarray, "row"]) -> Any:
+        """The modes after so many events each (row). The solution must know its system."""
+        modes = lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)])[passed]
+        return jax.tree.map(modes, self.again.initial_mode(), self.events.mode)
+
     def to_xarray(self):
         """An xarray Dataset of all that is here, named by the leaves of the state and of the mode (x.v, event_after.v,
         event_mode.on), with events in as many rows as there were. A batch has the dimension `run` in front of all

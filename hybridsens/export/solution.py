@@ -55,10 +55,8 @@ def _sampled_modes(solution: Any) -> Any:
     """The mode at each sample; None where there is none, or a loaded motion does not know the first one."""
     if solution.again is None:
         return None
-    events = happened(solution.events)
-    passed = np.searchsorted(events.time, np.asarray(solution.ts), side="right")
-    modes = lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)])[passed]
-    return jax.tree.map(modes, solution.again.initial_mode(), events.mode)
+    times = happened(solution.events).time
+    return solution.modes_after(np.searchsorted(times, np.asarray(solution.ts), side="right"))
 
 
 def solution_events(events: Any):

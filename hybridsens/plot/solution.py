@@ -101,9 +101,7 @@ def _modes(solution: Solution) -> list[dict[str, np.ndarray]]:
     or is too large to be drawn."""
     if solution.again is None:
         return []
-    count = int(solution.events.count)
-    joined = lambda first, later: np.concatenate([np.asarray(first)[None], np.asarray(later)[:count]])
-    modes = jax.tree.map(joined, solution.again.initial_mode(), solution.events.mode)
+    modes = solution.modes_after(np.arange(int(solution.events.count) + 1))
     modes = jax.tree.map(lambda part: None if _is_queue(part) else part, modes, is_leaf=_is_queue)
     drawn = {}
     for name, leaf in _rows("mode", modes).items():
