@@ -133,6 +133,10 @@ def test_a_vector_that_is_given_as_a_list_is_told():
         with pytest.raises(TypeError, match="unsupported operand") as raised:
             hs.solve(times(9.81, 0.8), x0, t1=1.0)
         assert "as in `x0`, and no array: give a vector as `jnp.array([...])`." in raised.value.__notes__[-1]
+    modal = type("Modal", (Ball,), dict(flow=lambda self, t, x, mode: mode * x))
+    with pytest.raises(TypeError) as raised:
+        hs.solve(modal(9.81, 0.8), jnp.array([1.0, 0.0]), [1.0, 0.0], t1=1.0)
+    assert "In its `mode` there is a list, as in `mode`, and no array" in raised.value.__notes__[-1]
     with pytest.raises(ValueError, match=r"but that of Ball returns .*: a vector is no list, give `x0` as `jnp.array"):
         hs.solve(Ball(9.81, 0.8), [1.0, 0.0], t1=1.0)
 
