@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .observables import EventMarks, EventStates
 from .status import Status
 
 Mode = PyTree[Array]
@@ -156,6 +157,11 @@ class AbstractFlatSystem(eqx.Module):
     def fires_at_once(self, event: Int[Array, ""], mode: Mode) -> Bool[Array, ""] | bool:
         """Whether the event before has put guard `event` below zero. Then it may be the same one again."""
         del event, mode
+        return False
+
+    def ends_with(self, states: EventStates, marks: EventMarks) -> Bool[Array, ""] | bool:
+        """Whether the motion ends with an event, before t1. By default it does not."""
+        del states, marks
         return False
 
     def stuck(self, t: Float[Array, ""], x: Float[Array, "state"], mode: Mode) -> Status:

@@ -8,31 +8,22 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .delays import overflowed
 from .flat_system import START, AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
-from .located.system import asked_for_cost
+from .located.system import asked_for_cost, own_mode, own_number
 from .numerics.shapes import Shapes
 from .numerics.tolerances import closeness, jump_window
+from .observables import EventMarks, EventStates
 from .search.gap_search import gap_kinds, search_guards, warn_of_sampled
+from .solution import SolutionEvents
 from .status import Status
 from .system import AbstractHybridSystem
-from .watch import Seen, Watch
-
-
-class WatchedMode(eqx.Module):
-    """The mode of a system, with what the search for events knows of its guards."""
-
-    given: Any
-    """The mode that the user's system speaks of."""
-    watch: Watch
-    """Which guards can fall."""
-    expected: Bool[Array, "time"]
-    """Scheduled times that are still to come."""
-    next_time: Float[Array, ""] | None
-    """The first of them, as the last event showed it; inf where none is to come, None without scheduled times."""
+from .system_checks import as_written
+from .until import ends_with
+from .watch import Seen, Watch, WatchedMode
 
 
 class EventDetail(NamedTuple):
@@ -67,6 +58,8 @@ class FlattenedSystem(AbstractFlatSystem):
     """How many scheduled times there are; None where the system does not speak of any."""
     first_mode: Any
     """The mode in which the motion begins."""
+    until: Callable[..., Any] | None = None
+    """until(system, event): whether the motion ends with an event; None where it goes on to t1."""
     program: str = eqx.field(default="", static=True)
     """What its functions compute: where they read from elsewhere, two systems of one class may differ in that alone."""
 
@@ -221,6 +214,15 @@ class FlattenedSystem(AbstractFlatSystem):
     def jump_times(self):
         """Those declared, by the caller or by the system."""
         return self.jump_ts
+
+    def events(self, states: EventStates, marks: EventMarks) -> SolutionEvents:
+        """Events as they are reported: one, or a row for each."""
+        number = own_number(marks.number, self.system, self.guard_count, self.scheduled_count or 0)
+        before, after = (self.split(side)[0] for side in (states.before, states.after))
+        return SolutionEvents(states.time, number, before, after, own_mode(marks.mode.given), marks.count)
+
+    def ends_with(self, states, marks):
+        return ends_with(self.until, as_written(self.system), lambda: self.events(states, marks))
 
 
 def _first(times, expected) -> Array:

@@ -1,10 +1,11 @@
-"""What of a motion a cost can depend on, in one record, whose tangents and cotangents are of its own type."""
+"""What of a motion a cost can depend on, in one record, whose tangents and cotangents are of its own type; and what
+else is told of its events."""
 
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 
 class EventStates(NamedTuple):
@@ -17,6 +18,20 @@ class EventStates(NamedTuple):
     """State just after, x+."""
     emitted: Any
     """What the reset emitted: impulses in mechanics."""
+
+
+class EventMarks(NamedTuple):
+    """What is discrete about events: about one of them, or a row for each."""
+
+    number: Int[Array, "*event"]
+    """Which event; -1 in a row that is padding."""
+    kind: Int[Array, "*event"]
+    """What it is, as a number that the system gives a meaning; -1 in padding."""
+    order_matters: Bool[Array, "*event"]
+    mode: Any
+    """The mode that it led to."""
+    count: Int[Array, ""]
+    """How many events there are; with one of them, how many there have been."""
 
 
 class Observables(NamedTuple):

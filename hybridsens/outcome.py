@@ -134,9 +134,11 @@ def _message(code) -> str:
     return f"The motion {became} ({status.name}): {status.message}"
 
 
-def where_ended(status: Status, t1: Array, broken_off: Array) -> Array:
-    """When a motion ended: t1, or where it broke off. That instant is held fixed in derivatives."""
-    return jnp.where(status.reached_end, t1, lax.stop_gradient(broken_off))
+def where_ended(status: Status, t1: Array, stands: Array) -> Array:
+    """When a motion ended that stands at that time: at t1, or before it with an event that it was to end with; or where
+    it broke off, an instant that derivatives hold fixed."""
+    by_event = jnp.where(status.reached_end, stands, lax.stop_gradient(stands))
+    return jnp.where(status.reached_end & (stands >= t1), t1, by_event)
 
 
 def where_in_doubt(status: Status, doubt_time: Array) -> Array:
@@ -145,13 +147,21 @@ def where_in_doubt(status: Status, doubt_time: Array) -> Array:
 
 
 def end_told(motion: Any) -> str:
-    """When one motion that can be seen broke off, or came into doubt; "" of another."""
+    """When one motion that can be seen broke off, came into doubt, or ended with an event; "" of another."""
     ended, status = motion.end_time, motion.status
     if isinstance(ended, jax.core.Tracer) or np.ndim(ended) > 0 or status.at_start:
         return ""
-    if status.reached_end:
-        return f" That was at t = {float(motion.doubt_time):.9g}." if status.in_doubt else ""
-    return f" It broke off at t = {float(ended):.9g}."
+    if not status.reached_end:
+        return f" It broke off at t = {float(ended):.9g}."
+    doubt = f" That was at t = {float(motion.doubt_time):.9g}." if status.in_doubt else ""
+    last = int(motion.events.count) - 1
+    by_event = last >= 0 and ended == motion.events.time[last]
+    return f"{doubt} It ended with event {last}, at t = {float(ended):.9g}." if by_event else doubt
+
+
+def last_time(motion: Any, t1: Array | float) -> Array:
+    """Up to when a motion can be asked for: t1, or when it ended with an event; beyond where it broke off it is nan."""
+    return jnp.where(motion.status.reached_end, motion.end_time, t1)
 
 
 def _steps_told(motion: Any) -> str:

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from .flat_system import Mode
 from .forward.record import Motion, order_of_events
-from .observables import EventStates, Observables
+from .observables import EventMarks, EventStates, Observables
 from .status import Status
 
 
@@ -17,12 +17,8 @@ class Reported(NamedTuple):
 
     observed: Observables
     """What it can be differentiated by."""
-    guard: Int[Array, "event"]
-    kind: Int[Array, "event"]
-    order_matters: Bool[Array, "event"]
-    count: Int[Array, ""]
-    mode_after: Mode
-    """Modes that the events led to."""
+    marks: EventMarks
+    """What is discrete about the events."""
     mode: Mode
     status: Status
     end_time: Float[Array, ""]
@@ -48,11 +44,23 @@ def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: i
     cut = lambda rows: jax.tree.map(blank, rows)
     states = cut(events.states)
     states = states._replace(time=jnp.where(happened, states.time, jnp.inf))
+    number, kind = (jnp.where(happened, cut(rows), -1) for rows in (events.guard, events.decision.kind))
+    marks = EventMarks(number, kind, cut(events.decision.order_matters), cut(events.decision.mode), count)
     return Reported(
-        Observables(motion.x, samples, states, jnp.zeros_like(motion.t)), jnp.where(happened, cut(events.guard), -1),
-        cut(events.decision.kind), cut(events.decision.order_matters), count, cut(events.decision.mode),
-        motion.mode, motion.status, motion.t, motion.doubt.time, motion.steps.count, motion.rejected,
+        Observables(motion.x, samples, states, jnp.zeros_like(motion.t)), marks, motion.mode, motion.status, motion.t,
+        motion.doubt.time, motion.steps.count, motion.rejected,
     )  # fmt: skip
+
+
+def ended_with_event(reported: Reported, t1: Array) -> Reported:
+    """What is reported of a motion that was to end with an event: if it did, the time and the state of its end are
+    those of that event, and move with it."""
+    observed, events = reported.observed, reported.observed.events
+    last = jnp.maximum(reported.marks.count - 1, 0)
+    ended = reported.status.reached_end & (reported.end_time < t1)
+    at_event = lambda rows, otherwise: jnp.where(ended, rows[last], otherwise)
+    observed = observed._replace(final=at_event(events.after, observed.final))
+    return reported._replace(observed=observed, end_time=at_event(events.time, reported.end_time))
 
 
 def in_rows_recorded(motion: Motion, room: int, cotangent: EventStates) -> EventStates:

@@ -21,13 +21,13 @@ from .mechanics.checks import check_kinds, check_shapes, may_end
 from .mechanics.condensed import condensed
 from .mechanics.decisions import mode_before_any
 from .mechanics.event_table import shown_by_values
-from .mechanics.events import Events
-from .mechanics.located import located
+from .mechanics.events import blank_event
+from .mechanics.located import located, own_scene
 from .mechanics.mass import with_known_mass
-from .mechanics.mode import ContactMode, EventKind, default_capture_speed
+from .mechanics.mode import ContactMode, SwitchedMode, default_capture_speed
 from .mechanics.scene import AbstractScene, State
 from .mechanics.smoothness import warn_of_discontinuities
-from .mechanics.switched import SwitchedMode, SwitchedSystem
+from .mechanics.switched import SwitchedSystem
 from .mechanics.switches import AbstractSwitchedScene, check_mode, check_switches, in_mode, switch_rules, warn_of_switch
 from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Trajectory
@@ -35,9 +35,10 @@ from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
 from .numerics.shapes import Shapes
 from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
-from .reported import Reported
+from .reported import Reported, ended_with_event
 from .settings import check_method, declared_jump_times, horizon_status, run_settings
 from .system_checks import mode_as_arrays
+from .until import checked_until
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.numbers import told_of_constants
 from .validation.same_function import same_function
@@ -54,6 +55,7 @@ def simulate(
     ts: Float[Array, "sample"] | None = None,
     jump_ts: Float[Array, "jump"] | None = None,
     running_cost: Callable[..., Any] | None = None,
+    until: Callable[..., Any] | None = None,
     solver: diffrax.AbstractSolver | None = None,
     rtol: float | Array = 1e-8,
     atol: float | Array = 1e-8,
@@ -87,6 +89,9 @@ def simulate(
     - `running_cost`: `running_cost(scene, t, q, v)`, a scalar or a PyTree; its integral comes back as `.cost`. It is
       integrated as part of the state, under the same error control. That of a scene with switches is given the mode
       as a fifth argument.
+    - `until`: `until(scene, event)`, a boolean: the motion ends with the first event for which it is True, or at t1.
+      `event` is one row of `.events`, whose `count` is how many events there have been with it. `.final`, `.cost` and
+      `.end_time` are then those of that event and move with it in derivatives; samples at later times are nan.
     - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default. Explicit ones are run with
       stages of our own.
     - `rtol`, `atol`: tolerances of the error control per step. Other values do not compile anew.
@@ -122,8 +127,8 @@ def simulate(
         capture_speed=capture_speed,
     )  # fmt: skip
     again = functools.partial(  # the same call for other `ts`
-        simulate, scene, state, mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, adjoint=adjoint,
-        throw=throw, **asked,
+        simulate, scene, state, mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, until=until,
+        adjoint=adjoint, throw=throw, **asked,
     )  # fmt: skip
     check_kinds(scene, state)
     scene = told_of_constants(scene)
@@ -141,11 +146,12 @@ def simulate(
     if scene.located_discontinuities:
         scene, running_cost, mode = located(scene, running_cost, t0, state, mode)
     scene, running_cost, switching, program = _prepared(scene, running_cost, t0, state, mode)
+    until, ending = checked_until(until, own_scene(scene), lambda: blank_event(scene, t0, state, own_mode(mode)))
     # Numbers that the system holds and no derivative is taken by.
     fixed = lambda x: x if isinstance(x, float) else Fixed.of(x, state.q.dtype)
     depth = fixed(settings.rtol), fixed(settings.atol)
     mechanics = MechanicalSystem(
-        scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts, program=program
+        scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts, until, program=program + ending
     )
     system = mechanics if switching is None else SwitchedSystem(mechanics, *switching, mode)
     (system, state, t0), (t1, ts), mark = entering((system, state, t0), (t1, ts), state.q.dtype, adjoint, throw)
@@ -182,7 +188,7 @@ def _simulate(
 ) -> tuple[Trajectory, Any]:
     """The trajectory and the mark beside it."""
     t0, t1, ts = horizon
-    mechanics = system.mechanics if isinstance(system, SwitchedSystem) else system
+    mechanics = _mechanics(system)
     if settings.max_step is None:
         system.warn_of_sampled(t0, jnp.concatenate([state.q, state.v]))
     declared = mechanics.jump_ts is not None
@@ -198,32 +204,27 @@ def _simulate(
     status = horizon_status(t0, t1, ts, settings, number(mechanics.capture_speed))
     options = Options(mode, status, settings, mechanics.scene.known_discontinuities)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts, mark), options, adjoint)
-    return _trajectory(mechanics, t1, ts, reported, cost), reported.observed.unresolved
+    reported = reported if mechanics.until is None else ended_with_event(reported, t1)
+    return _trajectory(system, t1, ts, reported, cost), reported.observed.unresolved
 
 
-def _trajectory(system: MechanicalSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:
+def _trajectory(system: MechanicalSystem | SwitchedSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:
     final, samples, states, _ = reported.observed
-    happened = jnp.arange(states.time.shape[0]) < reported.count
-    contact, modes, (closed, mode) = reported.guard, None, _modes(reported.mode)
-    if isinstance(reported.mode, SwitchedMode):  # its switches are numbered by themselves
-        contact = jnp.where(happened & (reported.kind == EventKind.SWITCH), contact - closed.shape[0], contact)
-        modes = own_mode(reported.mode_after.own)
-    q, v, z = system.split(final)
-    before, after = (State(*system.split(x)[:2]) for x in (states.before, states.after))
-    status = may_end(system.scene, q, reported.status)
-    kind = jnp.where(happened, reported.kind, -1)
-    impulse, closing_speed = states.emitted
-    order_matters = happened & reported.order_matters
-    events = Events(
-        states.time, kind, contact, before, after, impulse, closing_speed, order_matters, reported.count, modes
-    )
-    sampled = (None, None) if samples is None else system.split(samples)[:2]
+    mechanics, (closed, mode) = _mechanics(system), _modes(reported.mode)
+    q, v, z = mechanics.split(final)
+    status = may_end(mechanics.scene, q, reported.status)
+    events = system.events(states, reported.marks)
+    sampled = (None, None) if samples is None else mechanics.split(samples)[:2]
     end_time = where_ended(status, t1, reported.end_time)
     doubt_time = where_in_doubt(status, reported.doubt_time)
     return Trajectory(
         ts, *sampled, State(q, v), cost.restore(z), events, closed, status, end_time, doubt_time,
         Steps(reported.accepted, reported.rejected), mode,
     )  # fmt: skip
+
+
+def _mechanics(system: MechanicalSystem | SwitchedSystem) -> MechanicalSystem:
+    return system.mechanics if isinstance(system, SwitchedSystem) else system
 
 
 def _modes(mode: ContactMode | SwitchedMode):

@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.core
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
@@ -18,17 +19,17 @@ from .export.text import preformatted, rows_shown
 from .export.trees import as_text
 from .numerics.event_times import first_times, sequence_number
 from .numerics.sample_times import at_times
-from .outcome import Steps, end_told
+from .outcome import Steps, end_told, last_time
 from .status import Status
 
 
 class SolutionEvents(eqx.Module):
     """The events in the order of time, padded to `max_events`. Rows beyond `count` have time inf, guard -1 and zeros
-    elsewhere."""
+    elsewhere. Axes are (event,), of a batch (*batch, event); the one event that `until` is given has none."""
 
-    time: Float[Array, "*batch event"]
+    time: Float[Array, "*event"]
     """When."""
-    guard: Int[Array, "*batch event"]
+    guard: Int[Array, "*event"]
     """Which guard fell."""
     before: Any
     """States just before, with a leading axis (event,)."""
@@ -72,6 +73,12 @@ class SolutionEvents(eqx.Module):
         return first_times(self.time, self.guard == guard, count)
 
 
+def blank_event(t, x: Any, mode: Any) -> SolutionEvents:
+    """One event of a system, which says nothing but of which shapes and types events are."""
+    number = jnp.array(0)
+    return SolutionEvents(t, number, x, x, mode, number)
+
+
 class Solution(eqx.Module):
     """A motion of a hybrid system from t0 to t1."""
 
@@ -80,7 +87,7 @@ class Solution(eqx.Module):
     x: Any
     """States there, of x's structure with a leading axis (sample,); just after the event where a time is an event's."""
     final: Any
-    """State at t1 (or where the motion ended, see `status`)."""
+    """State at t1, just after the event that it ended with (`until`), or where it broke off (see `status`)."""
     cost: Any
     """Integral of the running cost, with its structure; None without one."""
     events: SolutionEvents
@@ -90,7 +97,7 @@ class Solution(eqx.Module):
     status: Status
     """`Status.successful`, or what went wrong."""
     end_time: Float[Array, "*batch"]
-    """When it ended: t1, or where it broke off, which derivatives hold fixed."""
+    """When it ended: at t1, with an event (`until`), or where it broke off, which derivatives hold fixed."""
     doubt_time: Float[Array, "*batch"]
     """When that happened, with status `grazing`, `guard_jumps` or `flow_jumps`, which puts its derivatives in doubt;
     nan for others."""
@@ -108,14 +115,14 @@ class Solution(eqx.Module):
         return part_of(self, index)
 
     def evaluate(self, ts: ArrayLike | Sequence) -> Any:
-        """States at times between t0 and t1, a number or an array in any order, as exact as the motion itself.
+        """States at times between t0 and its end, a number or an array in any order, as exact as the motion itself.
 
         The motion is solved again, with samples at these times: a number of calls in a row is dearer than one call
         with all times, or `ts=` of `solve`. The number of times is rounded up inside, so that few numbers of them
         compile anew.
 
         Raises: ValueError for a motion that was loaded, which does not know its system, for a batch, and for times that
-        are no numbers or lie outside of [t0, t1]."""
+        are no numbers or lie outside of that."""
         if self.again is None:
             raise ValueError(
                 "evaluate() must know the system of its motion, which is not in a file: pass `ts=` to `solve` before "
@@ -124,7 +131,7 @@ class Solution(eqx.Module):
         if np.ndim(self.events.count) > 0:
             must_be_one(self.events.count, "evaluate()")
         t0, t1 = self.again.horizon()
-        return at_times(ts, t1.dtype, (t0, t1), lambda ts: self.again(ts).x)
+        return at_times(ts, t1.dtype, (t0, last_time(self, t1)), lambda ts: self.again(ts).x)
 
     def modes_after(self, passed: Int[Array | np.ndarray, "row"]) -> Any:
         """The modes after so many events each (row). The solution must know its system."""

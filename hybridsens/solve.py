@@ -18,15 +18,17 @@ from .discontinuities import warn_of_system
 from .export.names import event_names
 from .flattened import FlattenedSystem
 from .forward.solver import RunSettings
-from .located.system import located, own_guards, own_mode, own_number
+from .located.system import located, own_guards, own_mode
 from .numerics.shapes import Shapes
 from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
+from .reported import ended_with_event
 from .settings import check_method, declared_jump_times, horizon_status, run_settings
-from .solution import Solution, SolutionEvents, last_events
+from .solution import Solution, blank_event, last_events
 from .status import Status
 from .system import AbstractHybridSystem
 from .system_checks import check_system, lifted, mode_as_arrays, state_as_arrays, warn_of_transition
+from .until import checked_until
 from .validation.arguments import check_mesh, in_type, real_array
 from .validation.asked import kind_of
 from .validation.not_finite import not_finite_among
@@ -46,6 +48,7 @@ def solve(
     ts: Float[Array, "sample"] | None = None,
     jump_ts: Float[Array, "jump"] | None = None,
     running_cost: Callable[..., Any] | None = None,
+    until: Callable[..., Any] | None = None,
     solver: diffrax.AbstractSolver | None = None,
     rtol: float | Array = 1e-8,
     atol: float | Array = 1e-8,
@@ -73,6 +76,9 @@ def solve(
     - `ts`: sorted times in [t0, t1] at which states are wanted; at an event's time, the state after it.
     - `jump_ts`: times at which the flow has a kink or a jump; steps end there. Default: `system.jump_times()`.
     - `running_cost`: `running_cost(system, t, x, mode)`, a scalar or a PyTree; its integral comes back as `.cost`.
+    - `until`: `until(system, event)`, a boolean: the motion ends with the first event for which it is True, or at t1.
+      `event` is one row of `.events`, whose `count` is how many events there have been with it. `.final`, `.cost` and
+      `.end_time` are then those of that event and move with it in derivatives; samples at later times are nan.
     - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default.
     - `rtol`, `atol`: tolerances of the error control per step. Other values do not compile anew.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
@@ -105,6 +111,7 @@ def solve(
     written = system, x0  # what a message speaks of
     system, running_cost = in_type((system, running_cost), dtype)
     counts, cost = check_system(system, running_cost, t0, x0, mode)
+    until, ending = checked_until(until, system, lambda: blank_event(t0, x0, mode))
     system, running_cost, program = lifted(system, running_cost, t0, x0, mode)
     system, running_cost = in_type((system, running_cost), dtype)
     adjoint = adjoint or Replay()
@@ -112,8 +119,8 @@ def solve(
         solver=solver, rtol=rtol, atol=atol, max_events=max_events, max_steps=max_steps, max_step=max_step
     )
     again = dict(
-        system=system, x0=x0, mode=mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, adjoint=adjoint,
-        throw=throw, **asked,
+        system=system, x0=x0, mode=mode, t0=t0, t1=t1, jump_ts=jump_ts, running_cost=running_cost, until=until,
+        adjoint=adjoint, throw=throw, **asked,
     )  # fmt: skip
     settings, _ = run_settings(asked, adjoint, ts, x0, (system, x0, t0, t1, ts))
     given, later = (system, running_cost, x0, t0, jump_ts), (t1, ts)
@@ -123,7 +130,7 @@ def solve(
         system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))
     names = event_names(written[0], counts.guards, counts.scheduled or 0, guards - counts.guards)
     flat = FlattenedSystem(
-        system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode, program
+        system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode, until, program + ending
     )
     with waiting("compiling and simulating", progress):
         solution, mark = _solve(flat, x0, first_mode, (t0, t1, ts), mark, settings, adjoint, Shapes.of(cost))
@@ -193,12 +200,9 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, mark, settings: RunSettings
     known = flat.system.known_discontinuities
     options = Options(flat.watched_mode(mode, start), horizon_status(t0, t1, ts, settings), settings, known)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts, mark), options, adjoint)
+    reported = reported if flat.until is None else ended_with_event(reported, t1)
     final, samples, states, mark = reported.observed
     x, z = flat.split(final)
-    before, after = (flat.split(side)[0] for side in (states.before, states.after))
-    which = own_number(reported.guard, flat.system, flat.guard_count, flat.scheduled_count or 0)
-    modes = own_mode(reported.mode_after.given)
-    events = SolutionEvents(states.time, which, before, after, modes, reported.count)
     samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
     total = None if flat.running_cost is None else cost.restore(z)
@@ -207,6 +211,7 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, mark, settings: RunSettings
     doubt_time = where_in_doubt(status, reported.doubt_time)
     waiting, mode = own_guards(~reported.mode.watch.armed, flat.system), own_mode(reported.mode.given)
     solution = Solution(
-        ts, samples, x, total, events, mode, status, end_time, doubt_time, steps, waiting, None
-    )
+        ts, samples, x, total, flat.events(states, reported.marks), mode, status, end_time, doubt_time, steps, waiting,
+        None,
+    )  # fmt: skip
     return solution, mark

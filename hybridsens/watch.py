@@ -23,6 +23,19 @@ UNEVEN = 0.618
 """Multiples of it, less their whole part, are no two alike for long."""
 
 
+class WatchedMode(eqx.Module):
+    """The mode of a system, with what the search for events knows of its guards."""
+
+    given: Any
+    """The mode that the user's system speaks of."""
+    watch: "Watch"
+    """Which guards can fall."""
+    expected: Bool[Array, "time"]
+    """Scheduled times that are still to come."""
+    next_time: Float[Array, ""] | None
+    """The first of them, as the last event showed it; inf where none is to come, None without scheduled times."""
+
+
 class Seen(eqx.Module):
     """Guards at one instant, and their rates along the flow."""
 

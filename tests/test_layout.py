@@ -10,7 +10,7 @@ TESTS = ROOT / "tests"
 METHOD = {"observables", "forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
     "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch",
-    "discontinuities", "located", "model", "unresolved", "border",
+    "discontinuities", "located", "model", "unresolved", "border", "until",
 }  # fmt: skip
 BASE = {"validation", "numerics", "status"}
 TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters", "waiting"}
@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "waiting": set(),
     "xla": {"flat_system", "numerics"},
     "interval": set(),
-    "flat_system": {"status"},
+    "flat_system": {"observables", "status"},
     "search": {"flat_system", "interval", "numerics", "validation"},
     "observables": set(),
     "forward": {"flat_system", "numerics", "observables", "status", "xla"},
@@ -33,16 +33,18 @@ MAY_IMPORT = {
     "differentiable": {"passes", "reported", "observables", "adjoint", "forward", "validation", "xla"},
     "export": {"status", "delays"},
     "mechanics": {"flat_system", "model", "interval", "search", "outcome", "export", "watch"}
-    | {"discontinuities", "located"} | BASE,
+    | {"discontinuities", "located", "observables", "until"} | BASE,
     "watch": {"numerics"},
     "discontinuities": {"interval", "system", "validation"},
     "saved": {"export", "mechanics", "outcome", "solution", "status"},
     "model": {"export", "validation"},
     "system": {"model"},
     "system_checks": {"system"} | BASE,
+    "until": {"validation"},
     "located": {"interval", "system_checks", "xla"} | BASE,
     "delays": set(),
-    "flattened": {"delays", "watch", "located", "system", "system_checks", "flat_system", "interval", "search"} | BASE,
+    "flattened": {"delays", "watch", "located", "system", "system_checks", "flat_system", "interval", "search"}
+    | {"observables", "solution", "until"} | BASE,
     "solution": {"outcome", "status", "export", "numerics"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status", "numerics"},

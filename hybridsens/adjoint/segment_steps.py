@@ -62,8 +62,9 @@ def recomputed_steps(rerun: Rerun, motion: Motion, j: Int[Array, ""]) -> Segment
         motion, t=t, x=x, mode=mode, steps=empty_steps(t, x, stepper.segment_steps), first_step=first_step,
         rejected=jnp.array(0),
     )  # fmt: skip
-    # A motion that ran out of steps ended within a segment.
-    again, _ = solve_segment(system, stepper, jnp.where(motion.status.reached_end, t1, motion.t), again)
+    # A motion that ran out of steps ended within a segment, one that ended with an event has a last one of no length.
+    last = (j == events.count) | ~motion.status.reached_end
+    again, _ = solve_segment(system, stepper, jnp.where(last, jnp.minimum(t1, motion.t), t1), again)
     end = segment_end(motion, j)
     off = jnp.finfo(t.dtype).eps ** 0.5 * jnp.maximum(jnp.abs(end), jnp.abs(t1 - start[0]))
     steps, is_same = again.steps, jnp.abs(again.t - end) <= off

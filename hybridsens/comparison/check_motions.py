@@ -65,6 +65,8 @@ def value_with_calls(parameters: FlatParameters, cost: Cost, settings) -> Callab
             motion = move(scene, state, *mode, **horizon, throw=False, **(settings | asked))
             ts, jump_ts = (None if times is None else jnp.asarray(times) for times in (ts, jump_ts))
             t0, t1 = jnp.asarray(t0), jnp.asarray(t1)
+            if asked.get("until") is not None:  # what is looked at is the motion without it, to just behind its end
+                t1 = jnp.minimum(t1, motion.end_time + 1e-3 * (motion.end_time - t0))
             breaks = _undeclared_breaks(scene, state, mode, t0, jump_ts, asked.get("running_cost"))
             calls.append(Call(scene, state, t0, t1, motion.events, motion.status, ts, jump_ts, breaks, mode))
             return motion

@@ -105,7 +105,8 @@ def differences(settings: Mapping[str, Any]) -> GradientMethod:
 
 def naive_methods_of_systems(steps: int) -> list[GradientMethod]:
     """What one would write for a hybrid system without this package: steps of fixed size."""
-    return [GradientMethod("autodiff, `where` transition", partial(where_transition, steps=steps), "reverse")]
+    run = partial(_to_t1, partial(where_transition, steps=steps))
+    return [GradientMethod("autodiff, `where` transition", run, "reverse")]
 
 
 def naive_methods(tolerance: float, steps: int, room: int) -> list[GradientMethod]:
@@ -125,4 +126,11 @@ def _of_contacts(run: Callable[..., Any], scene: Any, state: Any, *mode: Any, **
     """A motion by a method that knows no other events. Raises: NotImplementedError for a scene with switches."""
     if has_switches(scene) or mode:
         raise NotImplementedError("this method knows impacts alone, but the scene has switches of its own")
-    return run(scene, state, **settings)
+    return _to_t1(run, scene, state, **settings)
+
+
+def _to_t1(run: Callable[..., Any], *start: Any, until: Any = None, **settings: Any) -> Any:
+    """A motion by a method that always goes on to t1. Raises: NotImplementedError for one that ends with an event."""
+    if until is not None:
+        raise NotImplementedError("this method goes on to t1, and cannot end with an event")
+    return run(*start, **settings)

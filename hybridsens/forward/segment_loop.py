@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision
 from ..numerics.tolerances import MOST_RELAXED, time_resolution
-from ..observables import EventStates
+from ..observables import EventMarks, EventStates
 from ..status import Status
 from .doubt import Doubt
 from .past_jump import past_jump
@@ -64,7 +64,7 @@ def _run_freely(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion
 
 def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> Motion:
     """Carry out the event that ended a segment: decide what it is, reset the state, write it down. Without an event the
-    motion has ended.
+    motion has ended; with one it has where the system says so.
 
     The first event is the beginning: it chooses the mode, puts the state on the constraints of that mode, and is not
     `recorded`. A jump time only chooses the mode anew. Where there is no room for an event, or where it repeats, it is
@@ -87,8 +87,12 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     # The row is always written and counts only if `recorded`: a conditional would copy the whole buffer.
     states = EventStates(jnp.where(recorded, t, jnp.inf), before, after, done.emitted)
     event = EventRow(states, jnp.where(recorded, end.event, -1), done.decision)
+    ends = recorded & ~hidden & system.ends_with(states, _marks(motion, event))
+    doubt = _doubt(motion, end, done.decision, recorded)
     events = events.append(recorded, event, motion.steps.count, first_step)
     mode = jax.tree.map(lambda new, old: jnp.where(carried_out, new, old), done.decision.mode, motion.mode)
+    decided = Status.where(carried_out, done.decision.status, Status.running)
+    why_not = _why_not_further(end, full, repeats, decided)
     return Motion(
         begun=jnp.array(True),
         t=t_after,
@@ -100,11 +104,11 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         last_event=jnp.where(carried_out, end.event, motion.last_event),
         last_event_time=jnp.where(recorded, t, motion.last_event_time),
         last_is_silent=jnp.where(carried_out, jnp.asarray(done.decision.silent), motion.last_is_silent),
-        doubt=_doubt(motion, end, done.decision, recorded),
+        doubt=doubt,
         unreported=motion.unreported + (recorded & hidden),
         rejected=motion.rejected,
         first_step=first_step,
-        status=_status(motion, end, full, repeats, Status.where(carried_out, done.decision.status, Status.running)),
+        status=_status(motion, doubt, end.is_event & ~ends, why_not),
     )
 
 
@@ -144,11 +148,21 @@ def _doubt(motion: Motion, end: SegmentEnd, decision: Decision, recorded) -> Dou
     return doubt.also(recorded & decision.grazing, Status.grazing, end.time)
 
 
-def _status(motion: Motion, end: SegmentEnd, full, repeats, decided: Status) -> Status:
-    """What is said of the motion after a segment and its event. Later lines override earlier ones."""
-    reached = Status.where(motion.doubt.why == Status.running, Status.successful, motion.doubt.why)
-    ended = Status.where(motion.status == Status.running, reached, motion.status)
-    status = Status.where(end.is_event, motion.status, ended)
-    status = Status.where(decided == Status.running, status, decided)
-    status = Status.where(end.is_event & repeats, Status.event_repeats, status)
-    return Status.where(end.is_event & full, Status.max_events_reached, status)
+def _why_not_further(end: SegmentEnd, full, repeats, decided: Status) -> Status:
+    """`Status.running`, or why the motion must not go on from an event. Later lines override earlier ones."""
+    why = Status.where(end.is_event & repeats, Status.event_repeats, decided)
+    return Status.where(end.is_event & full, Status.max_events_reached, why)
+
+
+def _status(motion: Motion, doubt: Doubt, goes_on, why_not: Status) -> Status:
+    """What is said of the motion after a segment and its event: it goes on, or has ended as it should, or has not."""
+    whole = Status.where(doubt.why == Status.running, Status.successful, doubt.why)
+    ended = Status.where(motion.status == Status.running, whole, motion.status)
+    status = Status.where(goes_on, motion.status, ended)
+    return Status.where(why_not == Status.running, status, why_not)
+
+
+def _marks(motion: Motion, event: EventRow) -> EventMarks:
+    """What is discrete about the next event."""
+    decision, count = event.decision, motion.events.count - motion.unreported + 1
+    return EventMarks(event.guard, decision.kind, jnp.asarray(decision.order_matters), decision.mode, count)

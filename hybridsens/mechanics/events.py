@@ -3,34 +3,37 @@
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..export.trajectory import events_frame
 from ..numerics.event_times import first_times, sequence_number
+from ..observables import EventMarks, EventStates
 from .mode import EventKind
-from .scene import State
+from .scene import AbstractScene, State
 
 
 class Events(eqx.Module):
     """The events in the order of time, padded to `max_events`. Rows beyond `count` have time inf, and zeros
-    elsewhere."""
+    elsewhere. Axes are (event,), of a batch (*batch, event); the one event that `until` is given has none."""
 
-    time: Float[Array, "*batch event"]
+    time: Float[Array, "*event"]
     """When [s]."""
-    kind: Int[Array, "*batch event"]
+    kind: Int[Array, "*event"]
     """An `EventKind`: impact 0, capture 1, release 2, switch 3; -1 in padding."""
-    contact: Int[Array, "*batch event"]
+    contact: Int[Array, "*event"]
     """Which gap closed or opened, or which of the scene's switches fell; -1 in padding."""
     before: State
     """States just before, (event, dof)."""
     after: State
     """States just after, (event, dof)."""
-    impulse: Float[Array, "*batch event contact"]
+    impulse: Float[Array, "*event contact"]
     """Impulses of all contacts that took part [N s]; zero at a release and at a switch. Where several contacts settle
     together at the end of a cascade, single ones may be negative, by 1e-5 of the largest of the cascade."""
-    closing_speed: Float[Array, "*batch event"]
+    closing_speed: Float[Array, "*event"]
     """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at other events [m/s]."""
-    order_matters: Bool[Array, "*batch event"]
+    order_matters: Bool[Array, "*event"]
     """Whether contacts that act on each other, here or for other parameters, were met at one instant, so that another
     order of their impacts has another outcome: derivatives of what follows are one-sided at best."""
     count: Int[Array, "*batch"]
@@ -63,3 +66,24 @@ class Events(eqx.Module):
         strikes = (self.kind == EventKind.IMPACT) | (self.kind == EventKind.CAPTURE)
         wanted = strikes if kind is None else self.kind == kind
         return first_times(self.time, wanted & (self.contact == contact), count)
+
+
+def reported_events(states: EventStates, marks: EventMarks, dof: int, mode: Any = None) -> Events:
+    """Events as they are reported: one, or a row for each. `mode` are modes of a scene with switches, which are
+    numbered by themselves."""
+    impulse, closing_speed = states.emitted
+    side = lambda x: State(x[..., :dof], x[..., dof : 2 * dof])
+    number = marks.number
+    if mode is not None:
+        number = jnp.where(marks.kind == EventKind.SWITCH, number - impulse.shape[-1], number)
+    return Events(
+        states.time, marks.kind, number, side(states.before), side(states.after), impulse, closing_speed,
+        marks.order_matters, marks.count, mode,
+    )  # fmt: skip
+
+
+def blank_event(scene: AbstractScene, t, state: State, mode: Any) -> Events:
+    """One event of a scene, which says nothing but of which shapes and types events are."""
+    impulse = jnp.zeros(jax.eval_shape(scene.gap, t, state.q).shape, t.dtype)
+    number = jnp.array(0)
+    return Events(t, number, number, state, state, impulse, jnp.zeros_like(t), jnp.array(False), number, mode)

@@ -14,6 +14,7 @@ from ..validation.arguments import in_type
 from .checks import check_shapes
 from .scene import AbstractScene, State
 from .switches import AbstractSwitchedScene, check_mode, check_switches, in_mode
+from .wrapped import as_written
 
 
 class LocatedScene(AbstractSwitchedScene):
@@ -109,6 +110,12 @@ def located(scene: AbstractScene, running_cost: Callable | None, t, state: State
     if first.outcomes.guard_count == 0:
         return scene, running_cost, mode
     return made, None if running_cost is None else _cost, first
+
+
+def own_scene(scene: AbstractScene) -> AbstractScene:
+    """The scene that the user wrote, also where its comparisons are held."""
+    scene = as_written(scene)
+    return scene.scene if isinstance(scene, LocatedScene) else scene
 
 
 def _cost(scene: LocatedScene, t, q, v, mode: LocatedMode):

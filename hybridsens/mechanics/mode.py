@@ -1,12 +1,14 @@
 """The discrete state of a mechanical system: which contacts are held, and what the laws remember."""
 
 import enum
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.tolerances import closeness, rounding
+from ..watch import Watch
 
 ROUNDED = 8
 """A projection that corrects gaps by up to `ROUNDED` times `gap_tolerance`, and rates by up to `ROUNDED` times what
@@ -64,6 +66,16 @@ def open_mode(contacts: int, dtype, walls_move: bool = False) -> ContactMode:
     """Every contact open, nothing remembered: what a motion starts from before its initial mode is chosen."""
     zero = jnp.zeros(contacts, dtype)
     return ContactMode(jnp.zeros(contacts, bool), zero, zero, zero, zero, zero, zero if walls_move else None)
+
+
+class SwitchedMode(eqx.Module):
+    """Mode of a scene with switches."""
+
+    contacts: ContactMode
+    own: Any
+    """The mode that the user's scene speaks of."""
+    watch: Watch
+    """Which switches can fall."""
 
 
 def default_capture_speed(dtype) -> float:

@@ -11,24 +11,19 @@ from jaxtyping import Array, Int
 
 from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
+from ..located.system import own_mode
 from ..numerics.tolerances import closeness, rounding
+from ..observables import EventMarks, EventStates
 from ..search.gap_search import gap_kinds, search_guards, warn_of_sampled
 from ..status import Status
+from ..until import ends_with
 from ..watch import Seen, Watch, same_mode
-from .mode import ContactMode, EventKind
+from .events import Events, reported_events
+from .located import own_scene
+from .mode import ContactMode, EventKind, SwitchedMode
 from .switches import SwitchRules, in_mode
 from .system import MechanicalSystem
 from .wrapped import as_written
-
-
-class SwitchedMode(eqx.Module):
-    """Mode of a scene with switches."""
-
-    contacts: ContactMode
-    own: Any
-    """The mode that the user's scene speaks of."""
-    watch: Watch
-    """Which switches can fall."""
 
 
 class SwitchDetail(eqx.Module):
@@ -228,6 +223,14 @@ class SwitchedSystem(AbstractFlatSystem):
 
     def jump_times(self):
         return self.mechanics.jump_times()
+
+    def events(self, states: EventStates, marks: EventMarks) -> Events:
+        """Events as they are reported, with modes of the scene."""
+        return reported_events(states, marks, self.mechanics.dof, own_mode(marks.mode.own))
+
+    def ends_with(self, states, marks):
+        scene = own_scene(self.mechanics.scene)
+        return ends_with(self.mechanics.until, scene, lambda: self.events(states, marks))
 
     def projects(self, mode: SwitchedMode):
         return self.mechanics.projects(mode.contacts)

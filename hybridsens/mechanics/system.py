@@ -13,14 +13,18 @@ from jaxtyping import Array, Float
 from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
 from ..numerics.tolerances import closeness
+from ..observables import EventMarks, EventStates
 from ..search.gap_search import gap_kinds, search_gaps, warn_of_sampled
 from ..search.path import Path
 from ..status import Status
+from ..until import ends_with
 from .contact import FEW, Among, Instant, among_wanted, contact_geometry, gap_and_rate
 from .decisions import ImpactDetail, Limits, decide_transition
+from .events import Events, reported_events
 from .flow import acceleration, free_acceleration, multipliers, multipliers_and_rates, project_to_contacts
 from .held import load_varies, search_load, search_way, supports_move
 from .laws import transition_impulse
+from .located import own_scene
 from .mode import ROUNDED, ContactMode
 from .scene import AbstractScene
 from .smoothness import is_not_smooth
@@ -51,6 +55,8 @@ class MechanicalSystem(AbstractFlatSystem):
     """(relative, absolute) penetration that the tolerances can resolve: a touch less deep is grazing."""
     jump_ts: Float[Array, "jump"] | None = None
     """Times at which a force has a kink or a jump, or a gap a kink."""
+    until: Callable[..., Any] | None = None
+    """until(scene, event): whether the motion ends with an event; None where it goes on to t1."""
     free: bool = eqx.field(default=False, static=True)
     """Whether this is the system as it moves while every contact is open."""
     program: str = eqx.field(default="", static=True)
@@ -190,6 +196,13 @@ class MechanicalSystem(AbstractFlatSystem):
     def jump_times(self):
         """Those declared, by the caller or by the scene."""
         return self.jump_ts
+
+    def events(self, states: EventStates, marks: EventMarks) -> Events:
+        """Events as they are reported."""
+        return reported_events(states, marks, self.dof)
+
+    def ends_with(self, states, marks):
+        return ends_with(self.until, own_scene(self.scene), lambda: self.events(states, marks))
 
     def projects(self, mode: ContactMode):
         """Whether there can be held contacts."""

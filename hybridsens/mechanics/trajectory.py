@@ -20,7 +20,7 @@ from ..export.text import paragraph, preformatted, table
 from ..export.trajectory import motion_dataset, samples_frame
 from ..export.trees import as_text
 from ..numerics.sample_times import at_times
-from ..outcome import Steps, end_told
+from ..outcome import Steps, end_told, last_time
 from ..status import Status
 from ..validation.asked import Asked
 from .event_table import event_rows, event_table, state_text
@@ -47,7 +47,7 @@ class Trajectory(eqx.Module):
     v: Float[Array, "*batch sample dof"] | None
     """Velocities there."""
     final: State
-    """State at t1 (or where the motion ended, see `status`)."""
+    """State at t1, just after the event that it ended with (`until`), or where it broke off (see `status`)."""
     cost: Any
     """Integral of the running cost, with its structure; None without one."""
     events: Events
@@ -57,7 +57,7 @@ class Trajectory(eqx.Module):
     status: Status
     """`Status.successful`, or what went wrong."""
     end_time: Float[Array, "*batch"]
-    """When it ended [s]: t1, or where it broke off, which derivatives hold fixed."""
+    """When it ended [s]: at t1, with an event (`until`), or where it broke off, which derivatives hold fixed."""
     doubt_time: Float[Array, "*batch"]
     """When that happened, with status `grazing`, `guard_jumps` or `flow_jumps`, which puts its derivatives in doubt
     [s]; nan for others."""
@@ -74,14 +74,14 @@ class Trajectory(eqx.Module):
         return found if self._scene is None else found.come_from(self._scene)
 
     def evaluate(self, ts: ArrayLike | Sequence) -> State:
-        """States at other times between t0 and t1, a number or an array in any order, as exact as the motion itself.
+        """States at times between t0 and its end, a number or an array in any order, as exact as the motion itself.
 
         The motion is simulated again with samples there, so one call with many times is cheaper than many calls. The
         number of times is rounded up inside, so that few numbers of them compile anew. What it returns is not
         differentiated: pass `ts=` to `simulate` for gradients.
 
         Raises: ValueError for a motion that was loaded, indexed out of a batch or made inside of `jax.jit`, which does
-        not know its scene, and for times outside of [t0, t1]."""
+        not know its scene, and for times outside of that."""
         if any(isinstance(t, jax.core.Tracer) for t in jax.tree.leaves(ts)):
             raise ValueError(
                 "evaluate() must be given known times: for derivatives by them, or inside of a transformation, pass "
@@ -93,7 +93,8 @@ class Trajectory(eqx.Module):
             found = again(ts=ts)
             return State(found.q, found.v)
 
-        return at_times(ts, self.final.q.dtype, (again.keywords["t0"], again.keywords["t1"]), sampled)
+        horizon = again.keywords["t0"], last_time(self, again.keywords["t1"])
+        return at_times(ts, self.final.q.dtype, horizon, sampled)
 
     def from_each_sample(self, cost: Callable[["Trajectory"], Array]) -> State:
         """d(cost) / d(state) for the motion that begins at each sample and ends where this one does: the costate.
@@ -101,6 +102,11 @@ class Trajectory(eqx.Module):
         `cost` is a scalar function of a trajectory. A sample at the end, where nothing follows, is nan.
         Raises: ValueError as `evaluate`; TypeError for another kind of cost. The motion must have samples."""
         again = self._known_again("the costate")
+        if again.keywords["until"] is not None:
+            raise ValueError(
+                "A costate must be that of a motion to t1, but this one has `until`: begun again at a sample, it would "
+                "count its events anew and end with another one. Leave `until` out."
+            )
         assert self.ts is not None and self.q is not None and self.v is not None
         t1 = again.keywords["t1"]
 

@@ -52,9 +52,9 @@ def costate(trajectory: Trajectory, cost: Callable[[Trajectory], Array], *, prog
     scene (see `Trajectory.evaluate`).
     """
     must_be_sampled(trajectory)
-    broken_off = end_told(trajectory)
-    if broken_off:  # started again at a sample it would have room for more events, and end elsewhere
-        raise ValueError(f"A costate must be that of a motion that reached t1, but this one did not.{broken_off}")
+    if not trajectory.status.reached_end:  # begun again at a sample it has room for more events, and ends elsewhere
+        told = end_told(trajectory)
+        raise ValueError(f"A costate must be that of a motion that reached t1, but this one did not.{told}")
     with waiting("compiling the costate and following it from each sample", progress):
         found = jax.block_until_ready(trajectory.from_each_sample(cost))
     lost = np.isnan(np.asarray(found.q)).any(1) & (np.asarray(trajectory.ts) < trajectory.end_time)

@@ -61,6 +61,7 @@ class TracedOnce(AbstractFlatSystem):
     silent_room = _asked("silent_room")
     is_silent = _asked("is_silent")
     fires_at_once = _asked("fires_at_once")
+    ends_with = _asked("ends_with")
     stuck = _asked("stuck")
     scales = _asked("scales")
     clock_scales = _asked("clock_scales")
