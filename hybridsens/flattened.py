@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,10 +10,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from .delays import overflowed
 from .flat_system import START, AbstractFlatSystem, Decision, Searched, StepEnds
 from .interval.kind import Kind
 from .located.system import asked_for_cost, own_mode, own_number
+from .numerics.fixed import number
 from .numerics.shapes import Shapes
 from .numerics.tolerances import closeness, jump_window
 from .observables import EventMarks, EventStates
@@ -22,26 +22,9 @@ from .solution import SolutionEvents
 from .status import Status
 from .system import AbstractHybridSystem
 from .system_checks import as_written
+from .system_decision import EventDetail, Shown, decision_of
 from .until import ends_with
 from .watch import Seen, Watch, WatchedMode
-
-
-class EventDetail(NamedTuple):
-    """What the reset of an event needs to know of it."""
-
-    event: Array
-    mode: Any
-    """The mode before."""
-
-
-class Shown(NamedTuple):
-    """What the system shows at one instant."""
-
-    guards: Seen
-    times: Float[Array, "time"]
-    """Scheduled times."""
-    times_rates: Float[Array, "time"]
-    """Their rates along the flow, which must be 0."""
 
 
 class FlattenedSystem(AbstractFlatSystem):
@@ -60,6 +43,8 @@ class FlattenedSystem(AbstractFlatSystem):
     """The mode in which the motion begins."""
     until: Callable[..., Any] | None = None
     """until(system, event): whether the motion ends with an event; None where it goes on to t1."""
+    depth: tuple[Any, Any] = (0.0, 0.0)
+    """(relative, absolute) error of a state that the tolerances allow."""
     program: str = eqx.field(default="", static=True)
     """What its functions compute: where they read from elsewhere, two systems of one class may differ in that alone."""
 
@@ -118,7 +103,7 @@ class FlattenedSystem(AbstractFlatSystem):
             expected = jnp.where(starts, shown.times >= t, mode.expected)
             moves = ~starts & self._moves_by_itself(t, x, mode)
             watched = WatchedMode(mode.given, watch, expected, self._next_time(shown.times, expected))
-            return _decision(watched, EventDetail(event, mode.given), shown, moves)
+            return decision_of(watched, EventDetail(event, mode.given), shown, moves)
 
         return lax.cond(event >= 0, lambda: self._after(event, t, x, mode), begin)
 
@@ -171,7 +156,7 @@ class FlattenedSystem(AbstractFlatSystem):
         """The transition's mode, which guards can fall then, and which scheduled times are to come."""
         detail = EventDetail(event, mode.given)
         if self.guard_count == 0 and self.scheduled_count is None:
-            return _decision(mode, detail, self._show(t, x, mode), jnp.array(False))
+            return decision_of(mode, detail, self._show(t, x, mode), jnp.array(False))
         rises = self.is_silent(event, mode)  # then the state and the user's mode stay
         after, given = self._transition(event, t, x, mode.given)
         given = jax.tree.map(lambda new, old: jnp.where(rises, old, new), given, mode.given)
@@ -179,15 +164,21 @@ class FlattenedSystem(AbstractFlatSystem):
         flow = self.flow(t, x, mode)
         before, same = mode.watch.compare(self._values, (mode.given, given), t, x, flow)
         shown = self._show(t, after, dataclasses.replace(mode, given=given))
-        watch, unclear = mode.watch.after(event, t, before, same, shown.guards)
+        lift = self._lift(t, after, dataclasses.replace(mode, given=given), shown.guards)
+        watch, unclear = mode.watch.after(event, t, before, same, shown.guards, lift)
         came, times = self.guard_count + jnp.arange(shown.times.shape[0]) == event, self._times(x, mode.given)
         moved = shown.times != times  # to a time that has passed: then the event comes at once
         expected = (mode.expected & ~came) | (shown.times > t) | moved
         watched = WatchedMode(given, watch, expected, self._next_time(shown.times, expected))
         # A time that falls together with a jump time has passed when the clock stands behind it: nothing has moved it.
         at_once = self.fires_at_once(event, mode) | jnp.any(came & (times < t - jump_window(t)))
-        decision = _decision(watched, detail, shown, self._moves_by_itself(t, x, mode), at_once, rises)
+        decision = decision_of(watched, detail, shown, self._moves_by_itself(t, x, mode), at_once, rises)
         return dataclasses.replace(decision, status=Status.where(unclear, Status.reset_unclear, decision.status))
+
+    def _lift(self, t, x, mode: WatchedMode, seen: Seen):
+        """What is granted to guards that an event leaves on a zero that they lift off."""
+        guards, flow = (lambda t, x: self._values(t, x, mode.given)), (lambda t, x: self.flow(t, x, mode))
+        return mode.watch.lift_off(guards, flow, (t, x), seen, tuple(map(number, self.depth)))
 
     def _transition(self, event, t, x, given):
         state, z = self.split(x)
@@ -228,22 +219,3 @@ class FlattenedSystem(AbstractFlatSystem):
 def _first(times, expected) -> Array:
     """The first of the times that are expected; inf where there is none."""
     return jnp.min(times, initial=jnp.inf, where=expected)
-
-
-def _decision(
-    watched: WatchedMode,
-    detail: EventDetail,
-    shown: Shown,
-    moves_by_itself: Array,
-    at_once: Array | bool = False,
-    silent: Array | bool = False,
-) -> Decision:
-    """A transition, after which steps may be as long as before. No scheduled time may move by itself, before the event
-    or after it."""
-    never = jnp.full((), jnp.inf, watched.watch.size.dtype)
-    moves = moves_by_itself | jnp.any(watched.expected & (shown.times_rates != 0))
-    status = Status.where(moves, Status.scheduled_time_moves, Status.running)
-    status = Status.where(overflowed(watched.given), Status.queue_full, status)
-    at_once, silent = jnp.asarray(at_once), jnp.asarray(silent)
-    kind = jnp.array(0)
-    return Decision(watched, kind, detail, status=status, first_step_bound=never, at_once=at_once, silent=silent)

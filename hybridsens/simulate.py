@@ -31,7 +31,8 @@ from .mechanics.switched import SwitchedSystem
 from .mechanics.switches import AbstractSwitchedScene, check_mode, check_switches, in_mode, switch_rules, warn_of_switch
 from .mechanics.system import MechanicalSystem
 from .mechanics.trajectory import Trajectory
-from .mechanics.wrapped import Fixed, TypedScene, lift_closures, number
+from .mechanics.wrapped import TypedScene, lift_closures
+from .numerics.fixed import Fixed, number
 from .numerics.shapes import Shapes
 from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
@@ -147,8 +148,7 @@ def simulate(
         scene, running_cost, mode = located(scene, running_cost, t0, state, mode)
     scene, running_cost, switching, program = _prepared(scene, running_cost, t0, state, mode)
     until, ending = checked_until(until, own_scene(scene), lambda: blank_event(scene, t0, state, own_mode(mode)))
-    # Numbers that the system holds and no derivative is taken by.
-    fixed = lambda x: x if isinstance(x, float) else Fixed.of(x, state.q.dtype)
+    fixed = lambda x: Fixed.unless_constant(x, state.q.dtype)
     depth = fixed(settings.rtol), fixed(settings.atol)
     mechanics = MechanicalSystem(
         scene, running_cost, fixed(capture_speed), state.q.shape[0], depth, jump_ts, until, program=program + ending

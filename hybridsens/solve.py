@@ -19,6 +19,7 @@ from .export.names import event_names
 from .flattened import FlattenedSystem
 from .forward.solver import RunSettings
 from .located.system import located, own_guards, own_mode
+from .numerics.fixed import Fixed
 from .numerics.shapes import Shapes
 from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
 from .passes import Options, Problem
@@ -129,9 +130,11 @@ def solve(
     if written[0].located_discontinuities:
         system, running_cost, guards, first_mode = located(system, running_cost, guards, (t0, x0, mode))
     names = event_names(written[0], counts.guards, counts.scheduled or 0, guards - counts.guards)
+    depth = Fixed.unless_constant(settings.rtol, dtype), Fixed.unless_constant(settings.atol, dtype)
     flat = FlattenedSystem(
-        system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode, until, program + ending
-    )
+        system, running_cost, jump_ts, Shapes.of(x0), guards, counts.scheduled, first_mode, until, depth,
+        program + ending,
+    )  # fmt: skip
     with waiting("compiling and simulating", progress):
         solution, mark = _solve(flat, x0, first_mode, (t0, t1, ts), mark, settings, adjoint, Shapes.of(cost))
     solution = eqx.tree_at(lambda s: s.events, solution, dataclasses.replace(solution.events, names=names))

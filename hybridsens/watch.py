@@ -19,6 +19,9 @@ from .numerics.tolerances import MOST_RELAXED, closeness, jump_window, rounding,
 Guards = Callable[[Array, Array, Any], Array]
 """(t, x, mode) -> guards of the system as the user wrote them."""
 
+AlongMotion = Callable[[Array, Array], Array]
+"""(t, x) -> guards, or the flow, of one mode."""
+
 UNEVEN = 0.618
 """Multiples of it, less their whole part, are no two alike for long."""
 
@@ -62,12 +65,14 @@ class Watch(eqx.Module):
     """The same of its rate."""
     reach: Float[Array, "state"]
     """Largest |x| that events have shown."""
+    margin: Float[Array, "guard"]
+    """What is granted to a guard that an event left below zero by an error of the state; see `lift_off`."""
 
     @classmethod
     def blank(cls, count: int, x: Float[Array, "state"]) -> "Watch":
         """What is known of guards before anything is."""
         no, zero = jnp.zeros(count, bool), jnp.zeros(count, x.dtype)
-        return cls(no, no, zero, zero, jnp.zeros_like(x))
+        return cls(no, no, zero, zero, jnp.zeros_like(x), zero)
 
     def see(self, guards: Callable[[Array, Array], Array], t, x, flow) -> Seen:
         """Guards, as the user wrote them, of (t, x), and their rates along a flow."""
@@ -100,7 +105,7 @@ class Watch(eqx.Module):
 
     def signed(self, guards: Float[Array, "guard"]) -> Float[Array, "guard"]:
         """The guards, those that wait for their rise with the sign turned."""
-        return jnp.where(self.armed, guards, -guards)
+        return jnp.where(self.armed, guards + self.margin, -guards)
 
     def rates(self, signed: Float[Array, "guard"]) -> Float[Array, "guard"]:
         """Rates of the signed guards; whatever its own rate, a pending guard falls."""
@@ -129,11 +134,12 @@ class Watch(eqx.Module):
         return known._widened(armed, ~starts & armed & (seen.value < 0) & ~by_itself, seen)
 
     def after(
-        self, event: Int[Array, ""], t, before: Seen, same: Bool[Array, "guard"], seen: Seen
+        self, event: Int[Array, ""], t, before: Seen, same: Bool[Array, "guard"], seen: Seen, lift
     ) -> tuple["Watch", Bool[Array, ""]]:
         """After an event (of a guard, or of any other number) at t, given the guards just before it, which of them mean
-        the same after it (`compare`), and what is seen of them then; and whether it is unclear if the event moved its
-        guard, or rounding of sizes that are long gone did."""
+        the same after it (`compare`), what is seen of them then, and what is granted to those that lift off zero
+        (`lift_off`); and whether it is unclear if the event moved its guard, or rounding of sizes that are long gone
+        did."""
         near = closeness(before.value.dtype)
         share = self._share(before.scale)
         this, guards = jnp.arange(self.armed.size) == event, seen.value
@@ -154,8 +160,10 @@ class Watch(eqx.Module):
         # A guard that is on zero and falling by itself fires too, but at a time of its own; one that begins to rise at
         # this event is below zero by where that was placed.
         rises = (seen.rate > 0) & (guards >= -misplaced * seen.rate)
-        pending = armed & (guards < 0) & ~rises & (~still | (self.pending & ~this))
-        return self._widened(armed, pending, seen), jnp.any(unclear)
+        lifts = (lift > 0) & ~still
+        pending = armed & (guards < 0) & ~rises & ~lifts & (~still | (self.pending & ~this))
+        margin = jnp.where(lifts, lift, jnp.where(same & ~this, self.margin, 0))
+        return dataclasses.replace(self._widened(armed, pending, seen), margin=margin), jnp.any(unclear)
 
     def compare(self, guards: Guards, modes: tuple[Any, Any], t, x, flow) -> tuple[Seen, Bool[Array, "guard"]]:
         """Guards before an event, and which of them mean the same in the mode after: they have the value and the slope
@@ -169,6 +177,28 @@ class Watch(eqx.Module):
         same_value = jnp.abs(there.value - before.value) <= share * self.size
         return before, same_value & (jnp.abs(there.rate - before.rate) <= share * self.speed)
 
+    def lift_off(self, guards: AlongMotion, flow: AlongMotion, place, seen: Seen, depth) -> Float[Array, "guard"]:
+        """What is granted to guards that an event has left on a zero that they lift off: 0 for all others.
+
+        A motion that slid along a surface leaves it without a rate, by its acceleration alone, and from one side or the
+        other, as errors of the state have it. A guard that is off by no more than `depth`, the (relative, absolute)
+        error of a state, explains, and that turns within that, has not been put below zero."""
+        t, x = place
+        relative, absolute = depth
+        _, off = jax.jvp(lambda x: guards(t, x), (x,), (_uneven(relative * seen.reach + absolute),))
+        rounded = 2 * rounding(x.dtype) * jnp.maximum(self.size, seen.scale)
+        resolved = 10 * jnp.abs(off) + rounded  # errors of many steps along the surface add up
+        on_zero = jnp.abs(seen.value) < resolved
+
+        def lifting():
+            along = lambda function: lambda t, x: jax.jvp(function, (t, x), (jnp.ones_like(t), flow(t, x)))[1]
+            bend = along(along(guards))(t, x)
+            dip = seen.rate**2 / jnp.where(bend > 0, bend, 1)  # twice as deep as it gets
+            lifts = on_zero & (bend > 0) & (dip < resolved)
+            return jnp.where(lifts, jnp.maximum(dip + rounded - seen.value, 0), 0)
+
+        return lax.cond(jnp.any(on_zero), lifting, lambda: jnp.zeros_like(seen.value))
+
     def _share(self, scale) -> Float[Array, "guard"]:
         """What part of their sizes so far the rounding of guards of that scale is relative to: all, unless they are far
         flatter there."""
@@ -177,7 +207,7 @@ class Watch(eqx.Module):
 
     def _widened(self, armed, pending, seen: Seen) -> "Watch":
         size, speed = _largest(self.size, seen.value), _largest(self.speed, seen.rate)
-        return Watch(armed, pending, size, speed, seen.reach)
+        return Watch(armed, pending, size, speed, seen.reach, self.margin)
 
 
 def _misplaced(fallen: Bool[Array, "guard"], t, before: Seen) -> Float[Array, ""]:

@@ -44,8 +44,9 @@ MAY_IMPORT = {
     "located": {"interval", "system_checks", "xla"} | BASE,
     "delays": set(),
     "flattened": {"delays", "watch", "located", "system", "system_checks", "flat_system", "interval", "search"}
-    | {"observables", "solution", "until"} | BASE,
+    | {"observables", "solution", "system_decision", "until"} | BASE,
     "solution": {"outcome", "status", "export", "numerics"},
+    "system_decision": {"delays", "flat_system", "status", "watch"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status", "numerics"},
     "unresolved": {"outcome"},

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Int
 from ..flat_system import START, Decision
 from ..numerics.tolerances import closeness, time_resolution
 from ..status import Status
+from ..watch import Seen
 from .checks import may_begin
 from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate, walls_move
 from .event_state import MEETING, EventState, acted_on_nearby, look_at_event, wider_scales
@@ -47,6 +48,28 @@ class ImpactDetail(eqx.Module):
     """Contacts that are captured: their restitution counts as 0."""
     brought_to_rest: Bool[Array, "contact"]
     """Held contacts that another one's impulse would kick off too slowly to matter: their rates are 0 after it."""
+
+
+class SwitchDetail(eqx.Module):
+    """What the reset of an event needs to know of it."""
+
+    contacts: Any
+    """What the laws of contact need to know."""
+    switch: Int[Array, ""]
+    """Which switch fell; -1 where none did."""
+    own: Any
+    """The scene's mode before."""
+
+
+class Chosen(eqx.Module):
+    """What is chosen at an event."""
+
+    own: Any
+    """The scene's mode after."""
+    contacts: ContactMode
+    status: Status
+    seen: Seen
+    """The switches after."""
 
 
 def decide_transition(

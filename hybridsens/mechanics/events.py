@@ -69,13 +69,11 @@ class Events(eqx.Module):
 
 
 def reported_events(states: EventStates, marks: EventMarks, dof: int, mode: Any = None) -> Events:
-    """Events as they are reported: one, or a row for each. `mode` are modes of a scene with switches, which are
+    """Events as they are reported: one, or a row for each. Switches, which have a `mode`, are
     numbered by themselves."""
     impulse, closing_speed = states.emitted
     side = lambda x: State(x[..., :dof], x[..., dof : 2 * dof])
-    number = marks.number
-    if mode is not None:
-        number = jnp.where(marks.kind == EventKind.SWITCH, number - impulse.shape[-1], number)
+    number = jnp.where(marks.kind == EventKind.SWITCH, marks.number - impulse.shape[-1], marks.number)
     return Events(
         states.time, marks.kind, number, side(states.before), side(states.after), impulse, closing_speed,
         marks.order_matters, marks.count, mode,

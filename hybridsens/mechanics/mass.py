@@ -21,8 +21,9 @@ from ..interval.enclosure import ranges
 from ..interval.kind import Kind, kinds
 from ..interval.repeats import needed_for
 from ..numerics.dense import UNROLLED, linear_solve, pivots, refined, solve_spd
+from ..numerics.fixed import Fixed
 from .scene import AbstractScene
-from .wrapped import Fixed, WrappedScene
+from .wrapped import WrappedScene
 
 
 class ConstantMass(eqx.Module):

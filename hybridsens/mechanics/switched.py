@@ -7,45 +7,25 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Int
+from jaxtyping import Array
 
 from ..flat_system import FLOW_JUMP, START, AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
 from ..located.system import own_mode
+from ..numerics.fixed import number as number_of
 from ..numerics.tolerances import closeness, rounding
 from ..observables import EventMarks, EventStates
 from ..search.gap_search import gap_kinds, search_guards, warn_of_sampled
 from ..status import Status
 from ..until import ends_with
 from ..watch import Seen, Watch, same_mode
+from .decisions import Chosen, SwitchDetail
 from .events import Events, reported_events
 from .located import own_scene
 from .mode import ContactMode, EventKind, SwitchedMode
 from .switches import SwitchRules, in_mode
 from .system import MechanicalSystem
 from .wrapped import as_written
-
-
-class SwitchDetail(eqx.Module):
-    """What the reset of an event needs to know of it."""
-
-    contacts: Any
-    """What the laws of contact need to know."""
-    switch: Int[Array, ""]
-    """Which switch fell; -1 where none did."""
-    own: Any
-    """The scene's mode before."""
-
-
-class Chosen(eqx.Module):
-    """What is chosen at an event."""
-
-    own: Any
-    """The scene's mode after."""
-    contacts: ContactMode
-    status: Status
-    seen: Seen
-    """The switches after."""
 
 
 class SwitchedSystem(AbstractFlatSystem):
@@ -163,7 +143,7 @@ class SwitchedSystem(AbstractFlatSystem):
         def switched():
             flow = self.flow(t, x, mode)
             before, same = mode.watch.compare(self._switches, (mode.own, chosen.own), t, x, flow)
-            return mode.watch.after(number, t, before, same, chosen.seen)
+            return mode.watch.after(number, t, before, same, chosen.seen, self._lift(t, after, chosen, mode.watch))
 
         begun = lambda: (mode.watch.begin(t, chosen.seen, event == START), jnp.array(False))
         watch, unclear = lax.cond(event >= 0, switched, begun)
@@ -196,6 +176,12 @@ class SwitchedSystem(AbstractFlatSystem):
             return Chosen(own, contacts.mode, status, self._see(t, after, own, contacts.mode, watch))
 
         return lax.cond(same_mode(own, chosen.own), lambda: chosen, again)
+
+    def _lift(self, t, x, chosen: Chosen, watch: Watch):
+        """What is granted to switches that an event leaves on a zero that they lift off."""
+        switches = lambda t, x: self._switches(t, x, chosen.own)
+        flow = lambda t, x: self.within(chosen.own).flow(t, x, chosen.contacts)
+        return watch.lift_off(switches, flow, (t, x), chosen.seen, tuple(map(number_of, self.mechanics.depth)))
 
     def _switch(self, number, t, x, before) -> tuple[Array, Any]:
         """The state and the mode after a switch has fallen."""

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from ..flat_system import AbstractFlatSystem, Decision, Searched, StepEnds
 from ..interval.kind import Kind
+from ..numerics.fixed import Fixed, number
 from ..numerics.tolerances import closeness
 from ..observables import EventMarks, EventStates
 from ..search.gap_search import gap_kinds, search_gaps, warn_of_sampled
@@ -29,7 +30,7 @@ from .mode import ROUNDED, ContactMode
 from .scene import AbstractScene
 from .smoothness import is_not_smooth
 from .status import ContactStatus
-from .wrapped import Fixed, as_written, number
+from .wrapped import as_written
 
 
 class ImpactReport(NamedTuple):

@@ -15,7 +15,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from ..validation.arguments import in_type
 from ..validation.lost_derivatives import hides_tracers, method_of
@@ -93,34 +92,6 @@ def retyped(function: Callable, dtype) -> Callable:
     """A function made of arrays, with those of another type kept in this one."""
     types = tuple(leaf.dtype if eqx.is_inexact_array(leaf) else None for leaf in jax.tree.leaves(function))
     return function if {None, jnp.dtype(dtype)} >= set(types) else Retyped(in_type(function, dtype), types)
-
-
-class Fixed(eqx.Module):
-    """A number that a motion depends on and is not differentiated by.
-
-    Every real array of a system is a parameter, and costs the way back a derivative; the bits of one are not real."""
-
-    bits: jax.Array | np.ndarray
-    dtype: Any = eqx.field(static=True)
-
-    @staticmethod
-    def of(value, dtype) -> "Fixed":
-        """The number in that type."""
-        dtype = jnp.dtype(dtype)
-        bits = jnp.dtype(f"int{8 * dtype.itemsize}")
-        if isinstance(value, jax.Array):
-            return Fixed(jax.lax.bitcast_convert_type(value.astype(dtype), bits), dtype)
-        return Fixed(np.asarray(value, dtype).view(bits), dtype)
-
-    @property
-    def number(self) -> jax.Array:
-        """The number itself."""
-        return jax.lax.bitcast_convert_type(self.bits, self.dtype)
-
-
-def number(value):
-    """What stands for a number, as that number."""
-    return value.number if isinstance(value, Fixed) else value
 
 
 class LiftedScene(WrappedScene):

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..export.names import contact_names, coordinate_names, split_unit
+from ..export.names import contact_names, coordinate_names, names_of_events, split_unit, unit_of_contact
 from ..mechanics.contact import Instant, gap_and_rate
 from ..mechanics.mode import EventKind
 from ..mechanics.scene import AbstractScene
@@ -25,12 +25,12 @@ _MARKS = {
     EventKind.IMPACT: ("v", "black"),
     EventKind.CAPTURE: ("s", "0.6"),
     EventKind.RELEASE: ("^", "white"),
-    EventKind.SWITCH: ("D", "0.85"),
 }
 
 
 def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axes] | None = None) -> Figure:
-    """Gaps with their events, velocities, and the times at which each contact is closed, over time.
+    """Gaps with their events, velocities, and the times at which each contact is closed, over time. Switches of the
+    scene are dotted lines.
 
     Arguments: the scene that moved; its trajectory with samples (`ts=`), which should be dense; three axes to draw in,
     from top to bottom, or None for a new figure.
@@ -45,10 +45,11 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
         rows = max(4, len(shown)) / 4
         figure = new_figure((8, 5 + rows))
         axes = list(figure.subplots(3, 1, sharex=True, height_ratios=[3, 3, rows]))
-    draw_lines(axes[0], t, gaps, "gap", _labels(scene, "contacts", contacts), shown)
+    draw_lines(axes[0], t, gaps, f"gap{unit_of_contact(scene, 'm')}", _labels(scene, "contacts", contacts), shown)
     _draw_events(axes[0], trajectory)
+    _draw_switches(axes[:2], scene, trajectory)
     velocities = _labels(scene, "coordinates", rates) or ["velocity"]
-    name = velocities[0] if len(velocities) == 1 else "velocity"
+    name = velocities[0] if len(velocities) == 1 else _with_common_unit("velocity", velocities)
     draw_lines(axes[1], t, np.asarray(v), name, velocities if len(velocities) == v.shape[1] else None)
     closed = np.asarray(eqx.filter_jit(closed_contacts)(scene, Instant(jnp.asarray(t), q, v)))
     _draw_closed(axes[2], t, closed, trajectory, shown)
@@ -57,6 +58,13 @@ def plot_trajectory(scene: AbstractScene, trajectory: Trajectory, axes: list[Axe
         axes[0].set_title(f"{len(shown)} of {len(contacts)} contacts", loc="left", fontsize="small")
     axes[2].set_xlabel("time [s]")
     return axes[0].get_figure(root=True)  # type: ignore[return-value]
+
+
+def _with_common_unit(name: str, columns: list[str]) -> str:
+    """The name with the unit of all columns, where they have one."""
+    units = {split_unit(column)[1] for column in columns}
+    unit = units.pop()
+    return name if units or unit is None else f"{name} [{unit}]"
 
 
 def contacts_shown(trajectory: Trajectory) -> list[int]:
@@ -112,6 +120,24 @@ def _draw_events(axes: Axes, trajectory: Trajectory) -> None:
     legend_above(axes)
 
 
+def _draw_switches(panels: list[Axes], scene: AbstractScene, trajectory: Trajectory) -> None:
+    """A dotted line where a switch of the scene fell, and the name of each switch beside the marks of other events."""
+    events = trajectory.events
+    switched = np.asarray(events.kind) == EventKind.SWITCH
+    number, time = np.asarray(events.contact)[switched], np.asarray(events.time)[switched]
+    styles = [":", (0, (1, 3)), (0, (4, 2, 1, 2)), (0, (1, 1))]
+    for i in np.unique(number):
+        at = time[number == i]
+        (name,) = names_of_events(scene, [i], [True], events.impulse.shape[-1])
+        name = f"switch {name}" if name == str(i) else name
+        for axes in panels:
+            lines = axes.vlines(at, 0, 1, transform=axes.get_xaxis_transform(), color="0.4", linewidth=1.0)
+            lines.set_linestyle(styles[i % len(styles)])
+            lines.set_label(f"{name} ({at.size})" if axes is panels[0] else "")
+    if switched.any():
+        legend_above(panels[0])
+
+
 def _draw_closed(axes: Axes, t, closed, trajectory: Trajectory, shown: list[int]) -> None:
     """One row for each contact: a bar while its gap is closed, a tick at each of its events."""
     contact, time = np.asarray(trajectory.events.contact), np.asarray(trajectory.events.time)
@@ -120,6 +146,8 @@ def _draw_closed(axes: Axes, t, closed, trajectory: Trajectory, shown: list[int]
         held = closed[:-1, i] & closed[1:, i]
         axes.broken_barh([(t[k], t[k + 1] - t[k]) for k in np.flatnonzero(held)], (row - 0.3, 0.6), color="0.55")
         axes.vlines(time[contact == i], row - 0.4, row + 0.4, color="black", linewidth=0.9)
+    if not closed[:, shown].any() and not np.isin(contact, shown).any():
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center", color="0.4")
     axes.set_ylim(len(shown) - 0.4, -0.6)
     axes.set_ylabel("closed\ncontact")
 

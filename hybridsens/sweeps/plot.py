@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
@@ -23,8 +23,10 @@ MANY, CROWDED = 100, 0.5
 
 
 def plot_sweep(dataset: "xr.Dataset") -> Figure:
-    """Maps of J, of |dJ/dp| for both varied parameters, and of the number of events, over a grid of two parameters.
+    """Maps of J, of dJ/dp for both varied parameters, and of the number of events, over a grid of two parameters.
 
+    A derivative of both signs is red above 0 and blue below, on a logarithmic scale of either sign; of another one the
+    size is drawn, |dJ/dp|.
     Lines separate regions with different sequences of events, unless almost each point has its own: J has a kink or a
     jump there. Failed points are hatched. A line below says so. Units are those that `sweep` was given.
     Raises: ValueError unless the points are a grid of two parameters (choose with `dataset.sel` or `.isel`).
@@ -44,7 +46,9 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
         if name in derivatives:
             inner = [axis for axis in derivatives[name].dims if axis not in dims]
             chosen = derivatives[name][dict(zip(inner, entry or (), strict=True))]
-            maps[f"|dJ/d {dim}|"] = abs(chosen).assign_attrs(chosen.attrs)
+            of_both_signs = bool((chosen > 0).any() and (chosen < 0).any())
+            shown = chosen if of_both_signs else abs(chosen).assign_attrs(chosen.attrs)
+            maps[f"dJ/d {dim}" if of_both_signs else f"|dJ/d {dim}|"] = shown
     if "event_count" in dataset:
         maps["events"] = dataset.event_count.where(dataset.J.notnull())
     lines, borders = _borders(dataset)
@@ -53,7 +57,7 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     figure = new_figure((4.2 * columns, 3.4 * rows))
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, (title, values) in zip(panels, maps.items(), strict=len(maps) == panels.size):
-        draw_map(axes, values, logarithmic=title.startswith("|"))
+        draw_map(axes, values, logarithmic=title.startswith("|"), signed=title.startswith("dJ"))
         axes.set_title(_with_units(title, values), fontsize="medium")
         axes.add_collection(LineCollection(lines, colors="white", linewidths=0.8), autolim=False)
     if told := "; ".join([*([borders] if borders else []), *unknowns(maps, "interrupted" in dataset.attrs)]):
@@ -84,29 +88,47 @@ def unknowns(maps: Mapping[str, "xr.DataArray"], interrupted: bool) -> list[str]
     return told
 
 
-def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False) -> None:
-    """A coloured map of (x, y) values with its colour bar."""
+def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False, signed: bool = False) -> None:
+    """A coloured map of (x, y) values with its colour bar; of `signed` ones, which are of both signs, on a logarithmic
+    scale of either."""
     x, y = (str(dim) for dim in values.dims)
     logarithmic = logarithmic and bool(np.any(values.values > 0))
     edges = _edges(values[x].values), _edges(values[y].values)
     drawn = np.ma.masked_invalid(values.values.T.astype(float))
     whole = np.issubdtype(values.dtype, np.integer) or values.name == "event_count"
-    norm, ticks, extend = None, whole_ticks() if whole else None, "neither"
-    if logarithmic:
+    norm, ticks, extend, colours = None, whole_ticks() if whole else None, "neither", None
+    if signed:
+        norm, ticks, extend = _of_both_signs(drawn.compressed())
+        colours = "RdBu_r"
+    elif logarithmic:
         positive = drawn[drawn > 0].compressed()
         norm, ticks = LogNorm(positive.min(), positive.max()), _log_ticks(positive)
         if (drawn == 0).any():  # no failed point, which is hatched: it lies below all others
             drawn, extend = np.ma.where(drawn == 0, positive.min() / 2, drawn), "min"
-    elif drawn.count() and drawn.min() == drawn.max():
-        ticks = [drawn.min()]  # one number everywhere: the bar would show others beside it
+    uniform = not logarithmic and drawn.count() > 0 and drawn.min() == drawn.max()
     axes.patch.set(facecolor="0.85", edgecolor="0.6", hatch="////")  # what shows where there is no number
-    mesh = axes.pcolormesh(*edges, drawn, norm=norm, rasterized=True)
-    bar = axes.figure.colorbar(mesh, ax=axes, ticks=ticks, format="%.3g" if logarithmic else None, extend=extend)
-    bar.minorticks_off()
+    mesh = axes.pcolormesh(*edges, drawn, norm=norm, cmap=colours, rasterized=True)
+    shown_as = "%.3g" if logarithmic or signed else None
+    if uniform:  # a bar would show other numbers beside the one that there is
+        axes.text(0.5, 0.5, f"{drawn.min():.4g}", transform=axes.transAxes, ha="center", va="center", color="white")
+    else:
+        axes.figure.colorbar(mesh, ax=axes, ticks=ticks, format=shown_as, extend=extend).minorticks_off()
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel(_label(values[x]))
     axes.set_ylabel(_label(values[y]))
     axes.label_outer()
+
+
+def _of_both_signs(values: np.ndarray) -> tuple[SymLogNorm, np.ndarray, str]:
+    """A scale for numbers of both signs, its ticks, and which of its ends numbers lie beyond: single huge ones, as
+    beside a grazing impact, leave the rest of a map its colours."""
+    sizes = np.abs(values)
+    most = min(sizes.max(), 10 * np.quantile(sizes, 0.95) or np.inf)
+    least = most / 100
+    decades = 10.0 ** np.arange(np.ceil(np.log10(1.2 * least)), np.log10(most / 1.2))
+    ticks = np.concatenate([[0.0], decades, [most]])
+    extend = {0: "neither", 1: "max", 2: "min", 3: "both"}[(values.max() > most) + 2 * (values.min() < -most)]
+    return SymLogNorm(least, vmin=-most, vmax=most), np.unique([-ticks, ticks]), extend
 
 
 def _log_ticks(values: np.ndarray) -> np.ndarray:

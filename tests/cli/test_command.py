@@ -84,7 +84,7 @@ def test_demo_draws_the_motion_of_a_scene_of_ones_own(shown, monkeypatch, tmp_pa
     assert printed.startswith("own.py:Plain\n\n")
     assert re.search(r"impact +fence", printed)
     picture = (tmp_path / "own.svg").read_text()
-    assert all(f"<!-- {label} -->" in picture for label in ("gap", "velocity", "time [s]"))
+    assert all(f"<!-- {label} -->" in picture for label in ("gap [m]", "velocity", "time [s]"))
 
 
 @pytest.mark.slow

@@ -184,3 +184,40 @@ def test_a_latch_waits_for_its_side_and_holds():
     assert_close(found, np.array(latch_numbers(*at), float), 1e-9)
     one = lambda k: tuple(int(i == k) for i in range(4))
     assert_close(slopes, np.array([mp.diff(exact, at, one(k)) for k in range(4)], float), 1e-8)
+
+
+class Thrown(hs.AbstractSwitchedScene):
+    """A ball thrown up, whose switch only records where it turns, in a mode of nothing."""
+
+    event_names = ("apex",)
+
+    def mass_matrix(self, q):
+        return jnp.eye(1)
+
+    def force(self, t, q, v, mode):
+        return -jnp.ones(1)
+
+    def gap(self, t, q):
+        return q
+
+    def restitution(self):
+        return jnp.full(1, 0.5)
+
+    def switches(self, t, q, v, mode):
+        return v
+
+    def switch(self, event, t, q, v, mode):
+        return v, mode
+
+
+def test_switches_are_numbered_by_themselves_also_without_a_mode():
+    """And drawn by their names, where they are."""
+    start = hs.State(jnp.array([0.1]), jnp.array([1.0]))
+    motion = hs.simulate(Thrown(), start, t1=3.0, ts=jnp.linspace(0, 3, 9), max_events=8)
+    assert motion.events.kind[:3].tolist() == [EventKind.SWITCH, EventKind.IMPACT, EventKind.SWITCH]
+    assert motion.events.contact[:3].tolist() == [0, 0, 0] and motion.events.mode is None
+    gaps, velocities, _ = hs.plot_trajectory(Thrown(), motion).axes
+    for panel in (gaps, velocities):
+        (drawn,) = panel.collections
+        assert [line[0, 0] for line in drawn.get_segments()] == motion.events.time[jnp.array([0, 2])].tolist()
+    assert "apex (2)" in [text.get_text() for text in gaps.get_legend().get_texts()]

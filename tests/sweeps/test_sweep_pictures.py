@@ -65,8 +65,9 @@ def test_a_map_over_an_entry_shows_the_derivative_by_it():
     np.testing.assert_allclose(cells, 2 * np.outer([1.0, 2.0, 3.0], [1.0, 2.0]))
 
 
-def test_a_map_of_one_count_has_one_tick_and_a_logarithmic_one_both_ends():
-    """Assert that counts have whole ticks, and that ticks beside a logarithmic bar do not run into each other."""
+def test_a_map_of_one_number_says_it_and_a_logarithmic_one_has_both_ends():
+    """Assert that no bar shows numbers that are not there, and that ticks beside a logarithmic bar do not run into each
+    other."""
     coords = {"a": [1.0, 2.0], "b": [1.0, 2.0]}
     array = lambda values, name: xr.DataArray(values, coords, ("a", "b"), name)
     figure = Figure()
@@ -77,8 +78,22 @@ def test_a_map_of_one_count_has_one_tick_and_a_logarithmic_one_both_ends():
     draw_map(wide, array([[1e-9, 1], [0, 9]], "dJ_db"), logarithmic=True)
     figure.draw_without_rendering()
     shown = [[label.get_text() for label in bar.get_yticklabels()] for bar in figure.axes[4:]]
-    assert shown[0] == ["3"] and shown[1] == ["0"] and shown[2] == ["0.89", "1", "1.9"]
-    assert (shown[3][0], shown[3][-1]) == ("1e-09", "9") and 4 < len(shown[3]) < 9
+    assert shown[0] == ["0.89", "1", "1.9"]
+    assert (shown[1][0], shown[1][-1]) == ("1e-09", "9") and 4 < len(shown[1]) < 9
+    assert [axes.texts[0].get_text() for axes in (counts, none)] == ["3", "0"]
+
+
+def test_a_derivative_of_both_signs_is_drawn_with_its_sign():
+    """Zero is white, and a single huge one does not take the colours of all others."""
+    a, b = np.linspace(-1, 1, 8), np.linspace(0, 1, 9)
+    derivative = np.tile(2 * a[:, None], (1, 9))
+    derivative[2, 3] = -300.0
+    found = xr.Dataset({"J": (("a", "b"), derivative**2), "dJ_da": (("a", "b"), derivative)}, {"a": a, "b": b})
+    panel, bar = plot_sweep(found).axes[1:4:2]
+    assert panel.get_title() == "dJ/d a"
+    norm, cells = panel.collections[0].norm, panel.collections[0].get_array()
+    assert norm.vmax == -norm.vmin == 20 and cells.min() == -300
+    assert norm(0.0) == 0.5 and norm(2.0) > 0.8
 
 
 def test_lines_are_spoken_of_where_there_are_any():
