@@ -81,11 +81,26 @@ def raise_unless_successful(trajectory: Motion, describe: Callable[[Any], str] =
     only the compiled program sees it, JAX makes a JaxRuntimeError of it (a ValueError where the program ran on in the
     background and is waited for).
     """
-    more = lambda: end_told(trajectory) + _steps_told(trajectory) + describe(trajectory)
+
+    def more():
+        motion = seen(trajectory)
+        return end_told(motion) + _steps_told(motion) + describe(motion)
+
     return raised_unless_zero(trajectory, cast(Any, trajectory).status.code, _message, more)
 
 
 Tree = TypeVar("Tree")
+
+
+def seen(tree: Tree) -> Tree:
+    """The tree without tangents: while a derivative is taken, its numbers can be seen, unless it is compiled too."""
+
+    def primal(leaf):
+        if not isinstance(leaf, jax.core.Tracer):
+            return leaf
+        return lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else _without_tangent(leaf)
+
+    return jax.tree.map(primal, tree)
 
 
 def raised_unless_zero(

@@ -34,7 +34,7 @@ from .mechanics.trajectory import Trajectory
 from .mechanics.wrapped import TypedScene, lift_closures
 from .numerics.fixed import Fixed, number
 from .numerics.shapes import Shapes
-from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
+from .outcome import Steps, raise_unless_times_fit, seen, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .reported import Reported, ended_with_event
 from .settings import check_method, declared_jump_times, horizon_status, run_settings
@@ -157,7 +157,7 @@ def simulate(
     (system, state, t0), (t1, ts), mark = entering((system, state, t0), (t1, ts), state.q.dtype, adjoint, throw)
     with waiting("compiling and simulating", progress):
         found = _simulate(system, state, (t0, t1, ts), mark, settings, adjoint)
-    shown = lambda motion: shown_by_values(written, state, (t0, t1, ts), motion.come_from(written, again))
+    shown = lambda motion: shown_by_values(*seen((written, state, (t0, t1, ts))), motion.come_from(written, again))
     trajectory = leaving(found, (system, state, t0, t1, ts), adjoint, throw, shown)
     known = not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trajectory))
     return trajectory.come_from(written, again) if known else trajectory

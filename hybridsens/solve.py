@@ -21,7 +21,7 @@ from .forward.solver import RunSettings
 from .located.system import located, own_guards, own_mode
 from .numerics.fixed import Fixed
 from .numerics.shapes import Shapes
-from .outcome import Steps, raise_unless_times_fit, where_ended, where_in_doubt
+from .outcome import Steps, raise_unless_times_fit, seen, where_ended, where_in_doubt
 from .passes import Options, Problem
 from .reported import ended_with_event
 from .settings import check_method, declared_jump_times, horizon_status, run_settings
@@ -138,7 +138,7 @@ def solve(
     with waiting("compiling and simulating", progress):
         solution, mark = _solve(flat, x0, first_mode, (t0, t1, ts), mark, settings, adjoint, Shapes.of(cost))
     solution = eqx.tree_at(lambda s: s.events, solution, dataclasses.replace(solution.events, names=names))
-    shown = lambda solution: _shown_by_values(*written, (t0, t1, ts), solution)
+    shown = lambda solution: _shown_by_values(*seen((*written, (t0, t1, ts))), solution)
     solution = leaving((solution, mark), (flat, x0, t0, t1, ts), adjoint, throw, shown)
     return eqx.tree_at(lambda s: s.again, solution, Call.of(again), is_leaf=lambda leaf: leaf is None)
 

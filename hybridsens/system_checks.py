@@ -86,7 +86,7 @@ def check_system(system: AbstractHybridSystem, running_cost, t, x, mode) -> tupl
     try:
         rate = outcome(flow, t, x, mode)
     except (TypeError, AttributeError, KeyError, IndexError) as error:
-        told = other_structure_told(system, x)
+        told = other_structure_told(system, x, mode)
         if told:
             raise TypeError(told) from error
         raise

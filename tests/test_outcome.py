@@ -200,6 +200,7 @@ def test_the_error_tells_how_many_of_the_steps_were_kept():
     ("run", "named"),
     [
         (lambda: final(jnp.nan), "weight of RestlessBall is nan."),
+        (lambda: jax.grad(final)(jnp.nan), "weight of RestlessBall is nan."),
         (lambda: final_from(hs.State([1.0], [jnp.nan])), "v[0] of the initial state is nan."),
         (lambda: hs.solve(Sawtooth(W, jnp.array(jnp.nan)), 1.0, t1=1.0, **ROOM), "top of Sawtooth is nan."),
         (lambda: hs.solve(Sawtooth(W, W), jnp.nan, t1=1.0, **ROOM), "value of the initial state is nan."),

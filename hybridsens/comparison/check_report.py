@@ -67,10 +67,11 @@ class GradientCheck(NamedTuple):
         return "\n".join([*lines, "", doubt, *causes, *numbered, *at_default])
 
     def _shown(self) -> list[ParameterCheck]:
-        """The parameters that have a row: of many the first ones, those in doubt before others."""
+        """The parameters that have a row: of many those in doubt, then the first ones whose derivative is not 0."""
         if len(self.parameters) <= MOST_ROWS:
             return list(self.parameters)
-        return sorted(self.parameters, key=lambda entry: not entry.verdict)[:FIRST_ROWS]
+        says_little = lambda entry: (not entry.verdict, entry.adjoint == 0 and entry.differences == 0)
+        return sorted(self.parameters, key=says_little)[:FIRST_ROWS]
 
 
 def _parameter_line(entry: ParameterCheck, width: int) -> str:

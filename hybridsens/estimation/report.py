@@ -77,7 +77,8 @@ def _way(result: Any) -> str:
         before = f"{first.loss:.6g} -> " if first.stage == WHOLE else ""
         return f"{_count(result.iterations, 'iteration')}: loss {before}{result.loss:.6g}"
     took = int(result.starts.iterations[np.argmin(result.starts.loss)])
-    return f"{_count(took, 'iteration')} from the best start and {result.iterations} more: loss {result.loss:.6g}"
+    more = f", {result.iterations} more with the best" if result.iterations else ""
+    return f"{_count(took, 'iteration')} of the best of {result.starts.loss.size} starts{more}: loss {result.loss:.6g}"
 
 
 def _advice(result: Any) -> str:

@@ -15,16 +15,17 @@ def check_mode_given(model: Any, mode: Any, named: str) -> None:
         )
 
 
-def other_structure_told(system: Any, x: Any) -> str:
-    """A sentence on a state that is not built as the system's own `initial_state()`; "" where it is, or there is
-    none."""
-    own = _own(system, "initial_state")
-    if own is None or jax.tree.structure(own) == jax.tree.structure(x):
-        return ""
-    return (
-        f"`x0` must be built as `system.initial_state()`, which is {_built(own)} with a number or an array for each *, "
-        f"but is {_built(x)}."
-    )
+def other_structure_told(system: Any, x: Any, mode: Any) -> str:
+    """A sentence on a state or a mode that is not built as the system's own `initial_state()` or `initial_mode()`; ""
+    where both are, or there are none."""
+    for name, method, given in (("x0", "initial_state", x), ("mode", "initial_mode", mode)):
+        own = _own(system, method)
+        if own is not None and jax.tree.structure(own) != jax.tree.structure(given):
+            return (
+                f"`{name}` must be built as `system.{method}()`, which is {_built(own)} with a number or an array for "
+                f"each *, but is {_built(given)}."
+            )
+    return ""
 
 
 def _built(tree: Any) -> str:

@@ -15,14 +15,19 @@ def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
     return f" Did you mean {', '.join(map(repr, dict.fromkeys(near)))}?" if near else ""
 
 
+ASKED_BY_STUDIES = {"initial_state", "initial_mode", "running_cost", "coordinates", "contacts", "event_names"}
+"""What a scene or a system may have and no class asks for."""
+
+
 def warn_of_near_names(cls: type) -> None:
-    """Say where a class defines a name that is nearly one which an abstract class of this package asks about and has a
-    default for, `applied_forces` for `applied_force`: nothing would read it."""
+    """Say where a class defines a name that is nearly one which this package asks for and which another class has
+    defined, `applied_forces` for `applied_force`: nothing would read it, and that other one is used in silence."""
     package = __name__.partition(".")[0] + "."
     ours = [base for base in cls.__mro__[1:] if inspect.isabstract(base) and base.__module__.startswith(package)]
-    known = {name for base in ours for name in vars(base) if not name.startswith("_")}
-    defined_by = {name: base for base in reversed(cls.__mro__) for name in vars(base)}
-    defaults = [name for name in known if defined_by[name] in ours]
+    known = {name for base in ours for name in vars(base) if not name.startswith("_")} | ASKED_BY_STUDIES
+    inherited = [name for name in known - vars(cls).keys() if hasattr(cls, name)]
+    missing = getattr(cls, "__abstractmethods__", frozenset())  # without these nothing is made of the class
+    defaults = [name for name in inherited if name not in missing]
     for name in vars(cls).keys() - known:
         alike = [of_base for of_base in defaults if callable(getattr(cls, of_base)) == callable(getattr(cls, name))]
         near = difflib.get_close_matches(name, alike, n=1, cutoff=0.85)

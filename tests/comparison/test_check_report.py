@@ -49,6 +49,13 @@ def test_of_many_parameters_the_doubtful_ones_are_shown():
     assert len(wrong) < 60
 
 
+def test_of_many_parameters_those_with_a_derivative_are_shown():
+    """The first twenty may be times, by which nothing changes."""
+    entry = lambda k: ParameterCheck(f"w[{k}]", *3 * [float(k > 50)], 0.0, 1.0, "")
+    rows = str(GradientCheck(tuple(map(entry, range(61))), ())).splitlines()[1:21]
+    assert [row.split()[0] for row in rows[:11]] == [f"w[{k}]" for k in (*range(51, 61), 0)]
+
+
 @pytest.mark.slow
 def test_one_entry_is_checked_by_itself():
     """Of three parameters of a falling ball one is asked for, and it is right."""

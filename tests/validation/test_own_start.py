@@ -1,5 +1,6 @@
 """A start that does not fit is told of by the one that the model has itself."""
 
+import jax
 import jax.numpy as jnp
 import pytest
 from jax import Array
@@ -62,6 +63,21 @@ def test_a_state_of_another_structure_is_told_with_the_right_one(x0):
     """It was Python that did not know how to take "x" from it."""
     with pytest.raises(TypeError, match=r"which is \{'x': \*, 'y': \*\} with a number .* but is"):
         hs.solve(Decay(), x0, t1=1.0)
+
+
+class Fading(Decay):
+    """A decay that is slower in a mode of its own."""
+
+    def initial_mode(self):
+        return {"slow": False}
+
+    def flow(self, t, x, mode):
+        return jax.tree.map(lambda leaf: jnp.where(mode["slow"], -leaf / 2, -leaf), x)
+
+
+def test_a_mode_of_another_structure_is_told_with_the_right_one():
+    with pytest.raises(TypeError, match=r"`mode` must be built as `system.initial_mode\(\)`, which is \{'slow': \*\}"):
+        hs.solve(Fading(), Decay().initial_state(), {"fast": False}, t1=1.0)
 
 
 def test_an_error_of_the_flow_itself_is_raised_as_it_is():

@@ -28,6 +28,13 @@ def test_a_method_whose_name_is_nearly_an_optional_one_is_told(base, name, meant
         class_with(base, **{name: lambda self: None})
 
 
+@pytest.mark.parametrize(("name", "meant"), [("forces", "force"), ("initialstate", "initial_state"), ("gaps", "gap")])
+def test_so_is_one_beside_that_of_the_class_before(name, meant):
+    """Else the motion would be that of the class before, in silence."""
+    with pytest.warns(UserWarning, match=f"Written defines `{name}`, which nothing reads. Is `{meant}` meant"):
+        class_with(hs.scenes.BouncingBall, **{name: lambda self: None})
+
+
 def test_so_is_a_setting_of_the_class():
     with pytest.warns(UserWarning, match="`sustained_contacts`, which nothing reads. Is `sustained_contact` meant"):
         class_with(hs.AbstractScene, sustained_contacts=False)
