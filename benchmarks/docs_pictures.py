@@ -87,9 +87,23 @@ def cart():
     moving.save(DOCS / "images" / "cart.gif")
 
 
+def map_of_a_sweep():
+    """Where an elastic stop gains and loses impacts, over the force that drives it."""
+    grid = {"amplitude": np.linspace(0.5, 1.5, 160), "frequency": np.linspace(1.0, 2.0, 160)}
+
+    def cost(scene):
+        square = lambda scene, t, q, v: q @ q
+        motion = hs.simulate(scene, scene.initial_state(), t1=20.0, running_cost=square, max_events=32, throw=False)
+        return motion.cost, motion
+
+    units = {"amplitude": "N", "frequency": "rad/s", "J": "m2 s"}
+    found = hs.sweep(cost, hs.grid(hs.scenes.ElasticStop(), grid), units=units)
+    hs.plot_sweep(found).savefig(DOCS / "sweep-map.png", dpi=90)
+
+
 def main():
     hs.configure()
-    for draw in (first_motion, life_of_a_contact, shifted_impact, contacts, cart):
+    for draw in (first_motion, life_of_a_contact, shifted_impact, contacts, cart, map_of_a_sweep):
         draw()
         print(draw.__name__)
 

@@ -59,7 +59,8 @@ def plot_sweep(dataset: "xr.Dataset") -> Figure:
     for axes, (title, values) in zip(panels, maps.items(), strict=len(maps) == panels.size):
         draw_map(axes, values, logarithmic=title.startswith("|"), signed=title.startswith("dJ"))
         axes.set_title(_with_units(title, values), fontsize="medium")
-        axes.add_collection(LineCollection(lines, colors="white", linewidths=0.8), autolim=False)
+        colour = "0.2" if title.startswith("dJ") else "white"  # which is the 0 of a signed map
+        axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.8), autolim=False)
     if told := "; ".join([*([borders] if borders else []), *unknowns(maps, "interrupted" in dataset.attrs)]):
         figure.supxlabel(told, fontsize="small", x=0.99, ha="right")
     return figure
@@ -108,7 +109,7 @@ def draw_map(axes: Axes, values: "xr.DataArray", logarithmic: bool = False, sign
     uniform = not logarithmic and drawn.count() > 0 and drawn.min() == drawn.max()
     axes.patch.set(facecolor="0.85", edgecolor="0.6", hatch="////")  # what shows where there is no number
     mesh = axes.pcolormesh(*edges, drawn, norm=norm, cmap=colours, rasterized=True)
-    shown_as = "%.3g" if logarithmic or signed else None
+    shown_as = "%.4g" if signed else "%.3g" if logarithmic else None
     if uniform:  # a bar would show other numbers beside the one that there is
         axes.text(0.5, 0.5, f"{drawn.min():.4g}", transform=axes.transAxes, ha="center", va="center", color="white")
     else:
