@@ -45,7 +45,7 @@ dataset = sweep(cost, design, units=units, progress=False)
 dataset
 
 # %% [markdown]
-# White lines separate different sequences of impacts. Along them a motion grazes the stop: J has a kink there, and the
+# Lines separate different sequences of impacts. Along them a motion grazes the stop: J has a kink there, and the
 # gradient beside the line can be arbitrarily large. `grazing_margin` tells how far from such a line a point is.
 
 # %%

@@ -111,7 +111,7 @@ def test_the_neuron_has_the_closed_form_gradient(capsys):
 @pytest.mark.slow
 def test_the_systems_of_the_docs_print_their_closed_forms(monkeypatch, capsys):
     """A thermostat switches on at log(10 / (low - 10)) / 0.3, low = 18; of a dose exp(-0.2 (24 - t)) is left; of
-    an echo exp(-(1 - log 2 - delay)); a cart goes to `far` and on to the wall under constant forces; another one loses
+    an echo exp(-(1 - log 2 - delay)); what slides is left at arcsin(1 / load); a cart goes to `far` and on to the wall under constant forces; another one loses
     friction times way of its energy; a tank is full at -10 log(1 - brim / 10)."""
     monkeypatch.setattr(hybridsens, "configure", lambda: None)
     names: dict = {}
@@ -132,7 +132,8 @@ def test_the_systems_of_the_docs_print_their_closed_forms(monkeypatch, capsys):
 
     echo = 2 * np.exp(0.2 - 1)
     of_carts = jax.grad(wall)(0.85), stopped(1.0), jax.grad(stopped)(1.0)
-    expected = [-1 / (0.3 * 8), left.sum(), *0.2 * left, echo, *of_carts, 1 / 0.8]
+    slides = np.cos(np.arcsin(1 / 1.4)) - np.cos(2.0)
+    expected = [-1 / (0.3 * 8), left.sum(), *0.2 * left, echo, slides, *of_carts, 1 / 0.8]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
     shown = re.findall(r"```text\n(.*?)```", (ROOT / "docs/hybrid_systems.md").read_text(), re.DOTALL)
     assert [line for block in shown for line in block.splitlines() if line not in printed] == []
