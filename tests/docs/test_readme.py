@@ -111,8 +111,9 @@ def test_the_neuron_has_the_closed_form_gradient(capsys):
 @pytest.mark.slow
 def test_the_systems_of_the_docs_print_their_closed_forms(monkeypatch, capsys):
     """A thermostat switches on at log(10 / (low - 10)) / 0.3, low = 18; of a dose exp(-0.2 (24 - t)) is left; of
-    an echo exp(-(1 - log 2 - delay)); what slides is left at arcsin(1 / load); a cart goes to `far` and on to the wall under constant forces; another one loses
-    friction times way of its energy; a tank is full at -10 log(1 - brim / 10)."""
+    an echo exp(-(1 - log 2 - delay)); what slides lets go at arcsin(1 / load); a cart goes to `far`
+    and on to the wall under constant forces; another one loses friction times way of its energy; a tank is full at
+    -10 log(1 - brim / 10)."""
     monkeypatch.setattr(hybridsens, "configure", lambda: None)
     names: dict = {}
     found, printed = [], []
