@@ -181,8 +181,8 @@ class Watch(eqx.Module):
         """What is granted to guards that an event has left on a zero that they lift off: 0 for all others.
 
         A motion that slid along a surface leaves it without a rate, by its acceleration alone, and from one side or the
-        other, as errors of the state have it. A guard that is off by no more than `depth`, the (relative, absolute)
-        error of a state, explains, and that turns within that, has not been put below zero."""
+        other, as errors of the state have it. `depth` is the (relative, absolute) error of a state that is allowed: a
+        guard that is off by no more than that makes, and turns within it, has not been put below zero."""
         t, x = place
         relative, absolute = depth
         _, off = jax.jvp(lambda x: guards(t, x), (x,), (_uneven(relative * seen.reach + absolute),))
