@@ -79,7 +79,9 @@ def _plot_residuals(axes: Any, result: Any) -> None:
 
 
 def _plot_convergence(axes: Any, result: Any) -> None:
-    """A line for each stage: their losses are not those of one problem. Of several starts, where each ended."""
+    """A line for each stage: their losses are not those of one problem."""
+    if result.starts is not None:
+        return _plot_starts(axes, result)
     loss, first = np.array([line.loss for line in result.history]), 0
     for _, lines in itertools.groupby(result.history, key=lambda line: line.stage):
         end = first + len(list(lines))
@@ -88,13 +90,23 @@ def _plot_convergence(axes: Any, result: Any) -> None:
     changed = [i for i, line in enumerate(result.history) if line.sequence_changed]
     if changed:
         axes.semilogy(changed, loss[changed], "o", fillstyle="none", color="C1", label="event sequence changed")
-    if result.starts is not None:
-        ended = np.isfinite(result.starts.loss)
-        ends = np.asarray(result.starts.iterations)[ended], np.asarray(result.starts.loss)[ended]
-        axes.semilogy(*ends, "x", color="C2", label="end of a start")
     axes.xaxis.set_major_locator(whole_ticks())
     several = len({line.stage for line in result.history}) > 1
     _label(axes, "iteration", "loss, stage by stage" if several else "loss: half the sum of squares")
+
+
+def _plot_starts(axes: Any, result: Any) -> None:
+    """The losses at which the starts ended, in their order: those on one level have found the same minimum."""
+    loss, converged = np.asarray(result.starts.loss), np.asarray(result.starts.converged)
+    order = np.argsort(loss)[: np.isfinite(loss).sum()]
+    place = 1 + np.arange(order.size)
+    axes.semilogy(place, loss[order], "-", color="0.8", linewidth=1.0, zorder=1)
+    for chosen, marker, label in ((converged[order], "o", "converged"), (~converged[order], "x", "not converged")):
+        if chosen.any():
+            axes.semilogy(place[chosen], loss[order][chosen], marker, color="C0", label=label)
+    axes.axhline(result.loss, color="C1", linewidth=1.0, label="the fit")
+    axes.xaxis.set_major_locator(whole_ticks())
+    _label(axes, "start, in the order of their losses", "loss at which each start ended")
 
 
 def _label(axes: Any, below: str, title: str) -> None:

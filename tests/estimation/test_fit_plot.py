@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hybridsens.estimation.plot import plot_fit
+from hybridsens.estimation.plot import _plot_convergence, plot_fit
+from hybridsens.plot.figure import new_figure
 
 
 def test_the_plot_shows_data_residuals_and_loss(near):
@@ -60,3 +61,13 @@ def test_the_parameters_are_a_table(near):
     assert {name: (row.low, row.high) for name, row in table.iterrows()} == near.intervals()
     with pytest.raises(ValueError, match=r"of a fit are written by `.to_pandas\(\).to_csv\(path\)`"):
         near.save("fit.json")
+
+
+def test_several_starts_are_drawn_by_the_losses_they_ended_at():
+    """In their order, without those that failed: which of them found the same minimum."""
+    starts = SimpleNamespace(loss=np.array([3.0, 0.5, np.inf, 0.6]), converged=np.array([False, True, False, True]))
+    fitted = SimpleNamespace(starts=starts, loss=0.5, history=[])
+    axes = new_figure((8, 3)).subplots()
+    _plot_convergence(axes, fitted)
+    drawn = {str(line.get_label()): np.asarray(line.get_ydata()).tolist() for line in axes.lines}
+    assert drawn["converged"] == [0.5, 0.6] and drawn["not converged"] == [3.0] and drawn["the fit"] == [0.5, 0.5]
