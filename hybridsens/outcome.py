@@ -118,14 +118,13 @@ def raised_unless_zero(
 
 
 def nan_unless_reached(trajectory: Motion, given: Any) -> Motion:
-    """The trajectory, with all that is real in it, but for when it ended, made nan where the motion did not reach its
-    end, and its derivatives by all that is given too."""
+    """The trajectory, with all that is real in it made nan where the motion did not reach its end, and its derivatives
+    by all that is given too."""
     status = jax.tree.map(_without_tangent, cast(Any, trajectory).status)
     nan = jnp.where(status.reached_end, 0, jnp.nan)
     spoil = sum(_spoil(nan.astype(leaf.dtype), leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf))
     spoilt = lambda leaf: (1 + nan).astype(leaf.dtype) * leaf + spoil
-    all_spoilt = jax.tree.map(lambda leaf: spoilt(leaf) if eqx.is_inexact_array(leaf) else leaf, trajectory)
-    return eqx.tree_at(lambda motion: motion.end_time, all_spoilt, cast(Any, trajectory).end_time)
+    return jax.tree.map(lambda leaf: spoilt(leaf) if eqx.is_inexact_array(leaf) else leaf, trajectory)
 
 
 @jax.custom_jvp
@@ -149,25 +148,13 @@ def _message(code) -> str:
     return f"The motion {became} ({status.name}): {status.message}"
 
 
-def where_ended(status: Status, t1: Array, stands: Array) -> Array:
-    """When a motion ended that stands at that time: at t1, or before it with an event that it was to end with; or where
-    it broke off, an instant that derivatives hold fixed."""
-    by_event = jnp.where(status.reached_end, stands, lax.stop_gradient(stands))
-    return jnp.where(status.reached_end & (stands >= t1), t1, by_event)
-
-
-def where_in_doubt(status: Status, doubt_time: Array) -> Array:
-    """When a motion came into doubt; nan for one that is not, or that broke off later."""
-    return lax.stop_gradient(jnp.where(status.in_doubt, doubt_time, jnp.nan))
-
-
 def end_told(motion: Any) -> str:
     """When one motion that can be seen broke off, came into doubt, or ended with an event; "" of another."""
     ended, status = motion.end_time, motion.status
     if isinstance(ended, jax.core.Tracer) or np.ndim(ended) > 0 or status.at_start:
         return ""
-    if not status.reached_end:
-        return f" It broke off at t = {float(ended):.9g}."
+    if not status.reached_end:  # where all is made nan, that is not known
+        return "" if np.isnan(ended) else f" It broke off at t = {float(ended):.9g}."
     doubt = f" That was at t = {float(motion.doubt_time):.9g}." if status.in_doubt else ""
     last = int(motion.events.count) - 1
     by_event = last >= 0 and ended == motion.events.time[last]

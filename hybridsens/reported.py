@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
 
 from .flat_system import Mode
 from .forward.record import Motion, order_of_events
@@ -20,6 +21,8 @@ class Reported(NamedTuple):
     marks: EventMarks
     """What is discrete about the events."""
     mode: Mode
+    ended: Bool[Array, ""]
+    """Whether the motion has ended with its last event, as it was to."""
     status: Status
     end_time: Float[Array, ""]
     """When the motion ended: t1, or where it broke off, which is held fixed."""
@@ -47,20 +50,25 @@ def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: i
     number, kind = (jnp.where(happened, cut(rows), -1) for rows in (events.guard, events.decision.kind))
     marks = EventMarks(number, kind, cut(events.decision.order_matters), cut(events.decision.mode), count)
     return Reported(
-        Observables(motion.x, samples, states, jnp.zeros_like(motion.t)), marks, motion.mode, motion.status, motion.t,
-        motion.doubt.time, motion.steps.count, motion.rejected,
+        Observables(motion.x, samples, states, jnp.zeros_like(motion.t)), marks, motion.mode, motion.ended,
+        motion.status, motion.t, motion.doubt.time, motion.steps.count, motion.rejected,
     )  # fmt: skip
 
 
-def ended_with_event(reported: Reported, t1: Array) -> Reported:
-    """What is reported of a motion that was to end with an event: if it did, the time and the state of its end are
-    those of that event, and move with it."""
-    observed, events = reported.observed, reported.observed.events
-    last = jnp.maximum(reported.marks.count - 1, 0)
-    ended = reported.status.reached_end & (reported.end_time < t1)
-    at_event = lambda rows, otherwise: jnp.where(ended, rows[last], otherwise)
-    observed = observed._replace(final=at_event(events.after, observed.final))
-    return reported._replace(observed=observed, end_time=at_event(events.time, reported.end_time))
+def end_of(reported: Reported, status: Status, t1: Array, may_end_early: bool) -> tuple[Array, Array]:
+    """State and time of the end: at t1; of an event that the motion was to end with, with which they move; or where it
+    broke off, an instant that derivatives hold fixed."""
+    final, events = reported.observed.final, reported.observed.events
+    end_time = jnp.where(status.reached_end, t1, lax.stop_gradient(reported.end_time))
+    if not may_end_early:
+        return final, end_time
+    last, ended = jnp.maximum(reported.marks.count - 1, 0), reported.ended & status.reached_end
+    return jnp.where(ended, events.after[last], final), jnp.where(ended, events.time[last], end_time)
+
+
+def where_in_doubt(status: Status, doubt_time: Array) -> Array:
+    """When a motion came into doubt; nan for one that is not, or that broke off later."""
+    return lax.stop_gradient(jnp.where(status.in_doubt, doubt_time, jnp.nan))
 
 
 def in_rows_recorded(motion: Motion, room: int, cotangent: EventStates) -> EventStates:

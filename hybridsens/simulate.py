@@ -34,9 +34,9 @@ from .mechanics.trajectory import Trajectory
 from .mechanics.wrapped import TypedScene, lift_closures
 from .numerics.fixed import Fixed, number
 from .numerics.shapes import Shapes
-from .outcome import Steps, raise_unless_times_fit, seen, where_ended, where_in_doubt
+from .outcome import Steps, raise_unless_times_fit, seen
 from .passes import Options, Problem
-from .reported import Reported, ended_with_event
+from .reported import Reported, end_of, where_in_doubt
 from .settings import check_method, declared_jump_times, horizon_status, run_settings
 from .system_checks import mode_as_arrays
 from .until import checked_until
@@ -109,7 +109,7 @@ def simulate(
       `ForwardSensitivities()` always); with False, look at `.status` (one each in a batch). A motion that broke off
       returns the state where it did, with the gradient of the state at that instant, held fixed: one that could not
       begin returns the initial state, whose gradient by the scene is 0, which an optimiser takes for a stationary
-      point. "nan" makes value and gradient of such a motion nan instead. `.end_time` tells when it ended.
+      point. `.end_time` tells when it ended. "nan" makes value and gradient of such a motion nan instead, that time too.
     - `progress`: show for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
@@ -204,18 +204,17 @@ def _simulate(
     status = horizon_status(t0, t1, ts, settings, number(mechanics.capture_speed))
     options = Options(mode, status, settings, mechanics.scene.known_discontinuities)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts, mark), options, adjoint)
-    reported = reported if mechanics.until is None else ended_with_event(reported, t1)
     return _trajectory(system, t1, ts, reported, cost), reported.observed.unresolved
 
 
 def _trajectory(system: MechanicalSystem | SwitchedSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:
     final, samples, states, _ = reported.observed
     mechanics, (closed, mode) = _mechanics(system), _modes(reported.mode)
-    q, v, z = mechanics.split(final)
-    status = may_end(mechanics.scene, q, reported.status)
+    status = may_end(mechanics.scene, mechanics.split(final)[0], reported.status)
+    end, end_time = end_of(reported, status, t1, mechanics.until is not None)
+    q, v, z = mechanics.split(end)
     events = system.events(states, reported.marks)
     sampled = (None, None) if samples is None else mechanics.split(samples)[:2]
-    end_time = where_ended(status, t1, reported.end_time)
     doubt_time = where_in_doubt(status, reported.doubt_time)
     return Trajectory(
         ts, *sampled, State(q, v), cost.restore(z), events, closed, status, end_time, doubt_time,

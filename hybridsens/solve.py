@@ -21,9 +21,9 @@ from .forward.solver import RunSettings
 from .located.system import located, own_guards, own_mode
 from .numerics.fixed import Fixed
 from .numerics.shapes import Shapes
-from .outcome import Steps, raise_unless_times_fit, seen, where_ended, where_in_doubt
+from .outcome import Steps, raise_unless_times_fit, seen
 from .passes import Options, Problem
-from .reported import ended_with_event
+from .reported import end_of, where_in_doubt
 from .settings import check_method, declared_jump_times, horizon_status, run_settings
 from .solution import Solution, blank_event, last_events
 from .status import Status
@@ -203,14 +203,13 @@ def _solve(flat: FlattenedSystem, x0, mode, horizon, mark, settings: RunSettings
     known = flat.system.known_discontinuities
     options = Options(flat.watched_mode(mode, start), horizon_status(t0, t1, ts, settings), settings, known)
     reported = differentiable_motion(Problem(flat, start, t0, t1, ts, mark), options, adjoint)
-    reported = reported if flat.until is None else ended_with_event(reported, t1)
     final, samples, states, mark = reported.observed
-    x, z = flat.split(final)
     samples = None if samples is None else flat.split(samples)[0]
     steps = Steps(reported.accepted, reported.rejected)
-    total = None if flat.running_cost is None else cost.restore(z)
     status = flat.status_at_end(t1, final, reported.mode, reported.status)
-    end_time = where_ended(status, t1, reported.end_time)
+    end, end_time = end_of(reported, status, t1, flat.until is not None)
+    x, z = flat.split(end)
+    total = None if flat.running_cost is None else cost.restore(z)
     doubt_time = where_in_doubt(status, reported.doubt_time)
     waiting, mode = own_guards(~reported.mode.watch.armed, flat.system), own_mode(reported.mode.given)
     solution = Solution(

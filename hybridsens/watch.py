@@ -126,12 +126,13 @@ class Watch(eqx.Module):
         rounded = rounding(seen.value.dtype)
         on_zero = starts & jnp.isfinite(seen.scale) & (jnp.abs(seen.value) <= rounded * seen.scale)
         known = dataclasses.replace(self, size=jnp.where(on_zero, jnp.maximum(self.size, seen.scale), self.size))
-        above = seen.value >= -rounded * known.size - time_resolution(t, 1) * jnp.abs(seen.rate)
+        value = seen.value + self.margin
+        above = value >= -rounded * known.size - time_resolution(t, 1) * jnp.abs(seen.rate)
         armed = jnp.where(starts, above, self.armed)
         # One that was falling by itself may have passed zero while the clock passed the jump time.
         speed = jnp.maximum(self.speed, jnp.abs(seen.rate))
-        by_itself = (seen.rate < 0) & (seen.value >= -jump_window(t) * speed)
-        return known._widened(armed, ~starts & armed & (seen.value < 0) & ~by_itself, seen)
+        by_itself = (seen.rate < 0) & (value >= -jump_window(t) * speed)
+        return known._widened(armed, ~starts & armed & (value < 0) & ~by_itself, seen)
 
     def after(
         self, event: Int[Array, ""], t, before: Seen, same: Bool[Array, "guard"], seen: Seen, lift
@@ -185,7 +186,8 @@ class Watch(eqx.Module):
         guard that is off by no more than that makes, and turns within it, has not been put below zero."""
         t, x = place
         relative, absolute = depth
-        _, off = jax.jvp(lambda x: guards(t, x), (x,), (_uneven(relative * seen.reach + absolute),))
+        # Relative to the state of now: one that once was far larger tells nothing of where this guard was put.
+        _, off = jax.jvp(lambda x: guards(t, x), (x,), (_uneven(relative * jnp.abs(x) + absolute),))
         rounded = 2 * rounding(x.dtype) * jnp.maximum(self.size, seen.scale)
         resolved = 10 * jnp.abs(off) + rounded  # errors of many steps along the surface add up
         on_zero = jnp.abs(seen.value) < resolved

@@ -143,6 +143,49 @@ def test_the_event_is_a_row_of_the_table():
     assert_close(motion.end_time, row[0], 1e-12)
 
 
+class Ticked(hs.AbstractHybridSystem):
+    """x' = 1; at the scheduled time x grows tenfold."""
+
+    at: jax.Array
+
+    def flow(self, t, x, mode):
+        return jnp.ones(())
+
+    def guards(self, t, x, mode):
+        return jnp.zeros(0)
+
+    def scheduled_times(self, x, mode):
+        return self.at[None]
+
+    def transition(self, event, t, x, mode):
+        return 10 * x, mode
+
+
+@pytest.mark.parametrize("adjoint", METHODS[:2], ids=["replay", "forward"])
+def test_it_may_end_at_t1_and_at_t0(adjoint):
+    """Then it has ended with the event all the same: with (at, 10 (at - t0))."""
+
+    def ended(p, adjoint):
+        at, t0, t1 = p
+        found = hs.solve(
+            Ticked(at), 0.0, t0=t0, t1=t1, until=lambda system, event: True, adjoint=adjoint, max_events=2, max_steps=16
+        )
+        return jnp.stack([found.end_time, found.final])
+
+    run = value_and_jacobian(ended, adjoint)
+    for at in (1.0, 0.0):  # t1 and t0
+        value, jacobian = run(jnp.array([at, 0.0, 1.0]))
+        assert_close(value, np.array([at, 10 * at]), 1e-12, 1.0)
+        assert_close(jacobian, np.array([[1.0, 0, 0], [10, -10, 0]]), 1e-10)
+
+
+def test_a_growth_is_that_up_to_the_end():
+    """However much later t1 is."""
+    ball = RestlessBall(9.81, 0.8)
+    grown = [hs.lyapunov(ball, DROPPED, t1=t1, until=third, **TIGHT).exponent for t1 in (3.0, 9.0)]
+    assert_close(grown[0], grown[1], 1e-12)
+
+
 class Folded(hs.AbstractHybridSystem):
     """x' = -1 at x > 0, -2 below: a comparison, located as an event."""
 

@@ -120,7 +120,8 @@ def _through_start(backward: BackwardPass, motion: Motion, initial, total, psi, 
     begun, pull_begin = eqx.filter_vjp(begin, system, t0, x0) if system.projects(mode) else (x0, None)
     if t0_perturbed:
         # From the state at the beginning: the first one recorded is that after an event at t0.
-        by_t0 = jnp.where(motion.t > t0, -psi @ system.flow(t0, begun, mode), 0)  # 0 if it never began
+        moves = (motion.t > t0) | motion.ended  # else it never began
+        by_t0 = jnp.where(moves, -psi @ system.flow(t0, begun, mode), 0)
     if pull_begin is not None:
         by_projection, by_t, psi = pull_begin(psi)
         total, by_t0 = jax.tree.map(jnp.add, total, by_projection), by_t0 + by_t

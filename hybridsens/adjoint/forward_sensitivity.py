@@ -130,7 +130,8 @@ def _start(forward: ForwardPass, motion: Motion, initial, tangents) -> Pushed:
     mode, _, _ = segment(motion, 0)
     begin = lambda system, t, x: system.project(t, x, mode)
     x0, dx0 = eqx.filter_jvp(begin, (system, t0, x0), (d_system, dt0, dx0))
-    dx = dx0 - jnp.where(motion.t > t0, system.flow(t0, x0, mode) * dt0, 0)
+    moves = (motion.t > t0) | motion.ended  # else it never began
+    dx = dx0 - jnp.where(moves, system.flow(t0, x0, mode) * dt0, 0)
     zeros = lambda tree: jax.tree.map(jnp.zeros_like, tree)
     tangent = MotionTangent(
         dt1, zeros(motion.x), zeros(events.states), zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0)

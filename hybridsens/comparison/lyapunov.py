@@ -24,7 +24,7 @@ class Growth(NamedTuple):
     """How variations of the initial state grow along a motion."""
 
     exponent: Float[Array, ""]
-    """log(growth) / (t1 - t0), the largest finite-time Lyapunov exponent [1/s]; nan for a motion that broke off
+    """log(growth) / (end - t0), the largest finite-time Lyapunov exponent [1/s]; nan for a motion that broke off
     before t1 (with `throw=False`), whose growth and matrix are those of its last state, and where `growth` is below
     2e-13 (in single precision 1e-4): variations that have shrunk so far are rounding. Begin again where they are
     larger: of motions that follow one another the matrices are to be multiplied."""
@@ -82,5 +82,5 @@ def lyapunov(
     matrix, trajectory = jax.jacfwd(final, has_aux=True)(start)
     growth = jnp.linalg.norm(matrix, 2)
     known = trajectory.status.reached_end & ((growth == 0) | ~is_noise(growth, jnp.ones_like(growth)))
-    exponent = jnp.where(known, jnp.log(growth) / (t1 - t0), jnp.nan)
+    exponent = jnp.where(known, jnp.log(growth) / (trajectory.end_time - t0), jnp.nan)
     return Growth(exponent, growth, matrix, trajectory)

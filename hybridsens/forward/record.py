@@ -134,6 +134,8 @@ class Motion(eqx.Module):
     """Steps that were tried and not kept (those that overshot an event among them)."""
     first_step: Float[Array, ""]
     """Size of the step to try next; 0 where the error control has to find one."""
+    ended: Bool[Array, ""]
+    """Whether it has ended with its last event, as it was to."""
     status: Status
 
 
@@ -167,7 +169,7 @@ def empty_motion(system: AbstractFlatSystem, t0, x0, mode: Mode, max_events: int
     begun, doubt, zero = jnp.array(False), Doubt.none(t0), jnp.array(0)
     return Motion(
         begun, t0, x0, mode, mode, steps, events, jnp.array(-1), never, jnp.array(False), doubt, zero, zero,
-        jnp.zeros_like(t0), status,
+        jnp.zeros_like(t0), jnp.array(False), status,
     )  # fmt: skip
 
 

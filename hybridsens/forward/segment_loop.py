@@ -108,6 +108,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         unreported=motion.unreported + (recorded & hidden),
         rejected=motion.rejected,
         first_step=first_step,
+        ended=ends,
         status=_status(motion, doubt, end.is_event & ~ends, why_not),
     )
 
