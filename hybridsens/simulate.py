@@ -109,7 +109,7 @@ def simulate(
       `ForwardSensitivities()` always); with False, look at `.status` (one each in a batch). A motion that broke off
       returns the state where it did, with the gradient of the state at that instant, held fixed: one that could not
       begin returns the initial state, whose gradient by the scene is 0, which an optimiser takes for a stationary
-      point. `.end_time` tells when it ended. "nan" makes value and gradient of such a motion nan instead, that time too.
+      point. `.end_time` tells when it ended. "nan" makes value and gradient of it nan instead, that time too.
     - `progress`: show for how long it compiles and runs.
 
     All is computed in the type of the state. Leaves of another type are cast to it, and their gradients back.
