@@ -108,7 +108,7 @@ def simulate(
       (`grazing`, `guard_jumps`; `flow_jumps`, which is looked for where a derivative is taken, and by
       `ForwardSensitivities()` always); with False, look at `.status` (one each in a batch). A motion that broke off
       returns the state where it did, with the gradient of the state at that instant, held fixed: one that could not
-      begin returns the initial state, whose gradient by the scene is 0, which an optimiser takes for a stationary
+      begin returns the state at t0, whose gradient by the scene is 0, which an optimiser takes for a stationary
       point. `.end_time` tells when it ended. "nan" makes value and gradient of it nan instead, that time too.
     - `progress`: show for how long it compiles and runs.
 
