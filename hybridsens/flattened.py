@@ -208,9 +208,9 @@ class FlattenedSystem(AbstractFlatSystem):
 
     def events(self, states: EventStates, marks: EventMarks) -> SolutionEvents:
         """Events as they are reported: one, or a row for each."""
-        number = own_number(marks.number, self.system, self.guard_count, self.scheduled_count or 0)
+        which = own_number(marks.number, self.system, self.guard_count, self.scheduled_count or 0)
         before, after = (self.split(side)[0] for side in (states.before, states.after))
-        return SolutionEvents(states.time, number, before, after, own_mode(marks.mode.given), marks.count)
+        return SolutionEvents(states.time, which, before, after, own_mode(marks.mode.given), marks.count)
 
     def ends_with(self, states, marks):
         return ends_with(self.until, as_written(self.system), lambda: self.events(states, marks))

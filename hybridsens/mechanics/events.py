@@ -69,8 +69,8 @@ class Events(eqx.Module):
 
 
 def reported_events(states: EventStates, marks: EventMarks, dof: int, mode: Any = None) -> Events:
-    """Events as they are reported: one, or a row for each. Switches, which have a `mode`, are
-    numbered by themselves."""
+    """Events as they are reported: one, or a row for each. `mode` are those of a scene with switches, which are numbered
+    by themselves."""
     impulse, closing_speed = states.emitted
     side = lambda x: State(x[..., :dof], x[..., dof : 2 * dof])
     number = jnp.where(marks.kind == EventKind.SWITCH, marks.number - impulse.shape[-1], marks.number)
