@@ -69,7 +69,7 @@ class Events(eqx.Module):
 
 
 def reported_events(states: EventStates, marks: EventMarks, dof: int, mode: Any = None) -> Events:
-    """Events as they are reported: one, or a row for each. `mode` are those of a scene with switches, which are numbered
+    """Events as they are reported: one, or a row for each. A scene with switches has modes; its switches are numbered
     by themselves."""
     impulse, closing_speed = states.emitted
     side = lambda x: State(x[..., :dof], x[..., dof : 2 * dof])
