@@ -157,8 +157,10 @@ def end_told(motion: Any) -> str:
         return "" if np.isnan(ended) else f" It broke off at t = {float(ended):.9g}."
     doubt = f" That was at t = {float(motion.doubt_time):.9g}." if status.in_doubt else ""
     last = int(motion.events.count) - 1
-    by_event = last >= 0 and ended == motion.events.time[last]
-    return f"{doubt} It ended with event {last}, at t = {float(ended):.9g}." if by_event else doubt
+    if last < 0 or ended != motion.events.time[last]:
+        return doubt
+    by_event = f"ended with event {last}, at t = {float(ended):.9g}"
+    return f"{doubt} It {by_event}." if status.in_doubt else f"; {by_event}"
 
 
 def last_time(motion: Any, t1: Array | float) -> Array:

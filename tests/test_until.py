@@ -208,7 +208,7 @@ def test_a_comparison_ends_a_motion_too():
 def test_what_is_asked_of_a_motion_afterwards():
     ball = RestlessBall(9.81, 0.8)
     motion = hs.simulate(ball, DROPPED, t1=9.0, ts=jnp.array([0.0, 1.0]), until=third, **TIGHT)
-    assert "It ended with event 2, at t = " in str(motion)
+    assert str(motion).startswith("status: successful; ended with event 2, at t = 1.7519")
     assert np.isfinite(motion.evaluate([1.0, float(motion.end_time)]).q).all()
     with pytest.raises(ValueError, match=r"within \[t0, t1\] = \[0, 1.7519.*but 1.9 does not"):
         motion.evaluate([1.9])

@@ -84,15 +84,16 @@ def _labels(scene: AbstractScene, named_by: str, names: list[str]) -> list[str] 
 
 
 def with_events(trajectory: Trajectory):
-    """Samples, with the states just before and just after every event among them in the order of time; and how many
-    events have passed."""
+    """Samples up to the end of the motion, with the states just before and just after every event among them in the
+    order of time; and how many events have passed."""
     events, count = trajectory.events, int(trajectory.events.count)
-    time = events.time[:count]
-    t = np.concatenate([time, time, np.asarray(trajectory.ts)])  # sorting is stable: before, after, sample
+    time, reached = events.time[:count], np.isfinite(np.asarray(trajectory.q)).all(1)
+    ts = np.asarray(trajectory.ts)[reached]
+    t = np.concatenate([time, time, ts])  # sorting is stable: before, after, sample
     order = np.argsort(t, kind="stable")
-    both = lambda before, after, samples: jnp.concatenate([before[:count], after[:count], samples])[order]
+    both = lambda before, after, samples: jnp.concatenate([before[:count], after[:count], samples[reached]])[order]
     q = both(events.before.q, events.after.q, trajectory.q)
-    by_sample = np.searchsorted(time, np.asarray(trajectory.ts), side="right")
+    by_sample = np.searchsorted(time, ts, side="right")
     passed = np.concatenate([np.arange(count), np.arange(count) + 1, by_sample])
     return t[order], q, both(events.before.v, events.after.v, trajectory.v), passed[order]
 
@@ -100,7 +101,7 @@ def with_events(trajectory: Trajectory):
 def draw_lines(axes: Axes, t, values, name: str, labels: list[str] | None = None, shown: list[int] | None = None):
     """A line for each column, or for those `shown`."""
     several = values.shape[1] > 1
-    labels = labels or [f"{name} {i}" for i in range(values.shape[1])]
+    labels = labels or [f"{split_unit(name)[0]} {i}" for i in range(values.shape[1])]
     for number, i in enumerate(range(values.shape[1]) if shown is None else shown):
         axes.plot(t, values[:, i], **line(number), linewidth=1.4, label=labels[i] if several else None)
     axes.set_ylabel(name)

@@ -43,6 +43,17 @@ def test_a_contact_is_drawn_closed_until_its_release():
     np.testing.assert_allclose(mark.get_xydata(), [[RELEASED, 0]])
 
 
+def test_samples_behind_the_end_are_left_out():
+    """Of a motion that ended before: they are nan, and hid that a contact was closed before."""
+    trajectory = _lifted_ball(jnp.linspace(0, 1, 101))
+    lost = jnp.where(jnp.arange(101) > 80, jnp.nan, 1.0)[:, None]
+    trajectory = eqx.tree_at(lambda m: (m.q, m.v), trajectory, (trajectory.q * lost, trajectory.v * lost))
+    gaps, _, contacts = plot_trajectory(BouncingBall(), trajectory).axes
+    spans = np.concatenate([path.vertices[:, 0] for path in contacts.collections[0].get_paths()])
+    np.testing.assert_allclose((spans.min(), spans.max()), (0, RELEASED))
+    assert max(gaps.lines[0].get_xdata()) == 0.8 and gaps.get_ylabel() == "gap [m]"
+
+
 def test_an_impact_is_drawn_as_a_jump():
     """The velocity line holds both states of an event at its time, before first."""
     trajectory = _lifted_ball(jnp.linspace(0, 1, 5))
