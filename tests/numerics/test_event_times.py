@@ -61,6 +61,13 @@ def test_times_of_a_contact(unchecked):
         events.times_of("floor", 1)
 
 
+@pytest.mark.parametrize("asked", [lambda event: event.sequence == 3, lambda event: event.times_of(0, 1)[0] > 0])
+def test_one_event_knows_none_of_the_others(asked):
+    """`until` is given one event at a time."""
+    with pytest.raises(ValueError, match="not of one event: read its `time` and `count`"):
+        hs.solve(TwoClocks(jnp.ones(2)), jnp.zeros(2), t1=0.1, until=lambda system, event: asked(event))
+
+
 def test_what_cannot_be_asked_for_is_told():
     """A name that no event has, and more events than there is room for."""
     events = hs.solve(TwoClocks(jnp.ones(2)), jnp.zeros(2), t1=0.1, max_events=3).events
