@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from .adjoint.methods import AbstractGradientMethod
+from .out_of_steps import RERUN, ROOM, marked, raised_if_marked
 from .outcome import Motion, answered
-from .unresolved import RERUN, ROOM, marked, raised_if_marked
 from .validation.direction import forward_only, reverse_only
 
 

@@ -19,7 +19,9 @@ Mode = PyTree[Array]
 """The discrete state: any PyTree of arrays of fixed shape. It is never differentiated."""
 
 START, FLOW_JUMP = -1, -2
-"""Events that are no guard's: the motion begins, or its flow jumps at a jump time."""
+"""Numbers of events that are no guard's. Guards are numbered 0, 1, ... and scheduled times go on behind them; jump
+times are numbered -2, -3, ..., all of which are decided as a `FLOW_JUMP`. The beginning of a motion is its `START`,
+which is recorded nowhere: in a record -1 is a row without an event."""
 
 
 class Decision(eqx.Module):

@@ -41,8 +41,8 @@ class Observables(NamedTuple):
     samples: Float[Array, "sample state"] | None
     """States at the times asked for."""
     events: EventStates
-    unresolved: Float[Array, ""] | None
-    """A mark, 0. Its tangent is 1 where forward mode ran out of steps."""
+    out_of_steps: Float[Array, ""] | None
+    """A mark, 0. Its tangent is 1 where forward mode ran out of steps (see `out_of_steps`)."""
 
 
 def filled(primal: Any, tangent: Any) -> Any:

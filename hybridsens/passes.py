@@ -37,8 +37,9 @@ class Problem(NamedTuple):
     t0: Float[Array, ""]
     t1: Float[Array, ""]
     ts: Float[Array, "sample"] | None
-    unresolved: Float[Array, ""]
-    """A mark, 0. Its cotangent is 1 where reverse mode ran out of steps."""
+    out_of_steps: Float[Array, ""]
+    """A mark, 0. Its cotangent is 1 where reverse mode ran out of steps: so the news leaves a compiled program,
+    which may not raise."""
 
 
 class Options(NamedTuple):
@@ -120,9 +121,9 @@ def vary_forward(problem: Problem, options: Options, motion: Motion, d_problem: 
     the motion, as `jax.linearize` asks."""
 
     def observed(problem):
-        followed, unresolved = _follow(problem, options, motion)
+        followed, out_of_steps = _follow(problem, options, motion)
         reported = report(followed, _samples(problem, options, followed), options.settings.max_events)
-        return reported.observed._replace(unresolved=unresolved)
+        return reported.observed._replace(out_of_steps=out_of_steps)
 
     return eqx.filter_jvp(observed, (problem,), (d_problem,))[1]
 
@@ -133,7 +134,7 @@ def _follow(problem: Problem, options: Options, motion: Motion) -> tuple[Motion,
     So what plain JAX makes of the motion is differentiated correctly. And the mark of a derivative that ran out of
     steps."""
     del options
-    return batch_in_front(motion), problem.unresolved
+    return batch_in_front(motion), problem.out_of_steps
 
 
 @_follow.def_jvp
@@ -151,11 +152,11 @@ def _follow_jvp(primals, tangents):
     d_ends = tuple(filled(p, d) for p, d in zip(problem[1:4], d_problem[1:4], strict=True))
     solver = options.settings.replay_solver(_flow_size(problem, options))
     forward = ForwardPass(problem.system, d_system, solver, _control(options.settings, solver))
-    motion, d, unresolved = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
+    motion, d, out_of_steps = push_forward(forward, motion, (problem.t0, problem.x0), problem.t1, d_ends)
     nothing = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, motion)
     moved = lambda m: (m.t, m.x, m.steps.t, m.steps.x, m.events.states)
     d_motion = eqx.tree_at(moved, nothing, (d.end, d.final, d.steps_t, d.steps_x, d.events))
-    return (batch_in_front(motion), mark), (d_motion, unresolved.astype(mark.dtype) + mark)
+    return (batch_in_front(motion), mark), (d_motion, out_of_steps.astype(mark.dtype) + mark)
 
 
 def go_back(
@@ -167,9 +168,9 @@ def go_back(
     backward = _backward_pass(problem, options, backward_options.adjoint, motion, cotangent)
     perturbed_ends = backward_options.t0_perturbed, backward_options.t1_perturbed
     initial = problem.t0, problem.x0
-    by_system, by_x0, by_t0, by_t1, unresolved = pull_back(backward, motion, initial, problem.t1, perturbed_ends)
+    by_system, by_x0, by_t0, by_t1, out_of_steps = pull_back(backward, motion, initial, problem.t1, perturbed_ends)
     by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
-    return Problem(by_system, by_x0, by_t0, by_t1, by_ts, unresolved.astype(mark.dtype) + mark)
+    return Problem(by_system, by_x0, by_t0, by_t1, by_ts, out_of_steps.astype(mark.dtype) + mark)
 
 
 def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, cotangent: Observables) -> BackwardPass:

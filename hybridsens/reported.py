@@ -47,7 +47,7 @@ def report(motion: Motion, samples: Float[Array, "sample state"] | None, room: i
     cut = lambda rows: jax.tree.map(blank, rows)
     states = cut(events.states)
     states = states._replace(time=jnp.where(happened, states.time, jnp.inf))
-    number, kind = (jnp.where(happened, cut(rows), -1) for rows in (events.guard, events.decision.kind))
+    number, kind = (jnp.where(happened, cut(rows), -1) for rows in (events.number, events.decision.kind))
     marks = EventMarks(number, kind, cut(events.decision.order_matters), cut(events.decision.mode), count)
     return Reported(
         Observables(motion.x, samples, states, jnp.zeros_like(motion.t)), marks, motion.mode, motion.ended,

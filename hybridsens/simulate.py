@@ -204,7 +204,7 @@ def _simulate(
     status = horizon_status(t0, t1, ts, settings, number(mechanics.capture_speed))
     options = Options(mode, status, settings, mechanics.scene.known_discontinuities)
     reported = differentiable_motion(Problem(system, x0, t0, t1, ts, mark), options, adjoint)
-    return _trajectory(system, t1, ts, reported, cost), reported.observed.unresolved
+    return _trajectory(system, t1, ts, reported, cost), reported.observed.out_of_steps
 
 
 def _trajectory(system: MechanicalSystem | SwitchedSystem, t1, ts, reported: Reported, cost: Shapes) -> Trajectory:

@@ -10,7 +10,7 @@ TESTS = ROOT / "tests"
 METHOD = {"observables", "forward", "adjoint", "reported", "passes", "differentiable"}
 FRONT = {
     "delays", "simulate", "solve", "solution", "system", "system_checks", "flattened", "outcome", "settings", "watch",
-    "discontinuities", "located", "model", "unresolved", "border", "until",
+    "discontinuities", "located", "model", "out_of_steps", "border", "until",
 }  # fmt: skip
 BASE = {"validation", "numerics", "status"}
 TOOLS = {"configure", "scenes", "systems", "planar", "plot", "export", "parameters", "waiting"}
@@ -49,8 +49,8 @@ MAY_IMPORT = {
     "system_decision": {"delays", "flat_system", "status", "watch"},
     "settings": {"forward", "adjoint"} | BASE,
     "outcome": {"status", "numerics"},
-    "unresolved": {"outcome"},
-    "border": {"adjoint", "outcome", "unresolved", "validation"},
+    "out_of_steps": {"outcome"},
+    "border": {"adjoint", "outcome", "out_of_steps", "validation"},
     "solve": {"export", "waiting"} | FRONT - {"simulate"} | METHOD | BASE,
     "simulate": {"mechanics", "waiting"} | FRONT - {"solve", "solution", "system"} | METHOD | BASE,
     "scenes": {"mechanics", "model", "planar"},

@@ -20,15 +20,15 @@ from .steps_back import BackwardPass, BackwardState, through_steps
 def pull_back(
     backward: BackwardPass, motion: Motion, initial, t1, perturbed_ends: tuple[bool, bool]
 ) -> tuple[Any, Array, Array, Array, Array]:
-    """Derivatives of a cost by the system, x0, t0 and t1, and whether they are unresolved.
+    """Derivatives of a cost by the system, x0, t0 and t1, and whether it ran out of steps.
 
     Between events psi is carried back over the recorded steps, psi' = -f_x^T psi, at data times psi- = psi+ + c_x
     (T7); at the events (T8)-(T10) hold. Running costs are entries of x. `initial` is (t0, x0); `perturbed_ends`
     says whether t0 and t1 are differentiated by.
 
     A sweep goes back through all segments. If the error of some step is then too large for the dJ/dtheta just found, a
-    second sweep, which cuts such steps, takes its place. Both share `most_tries`; out of tries, or where steps that
-    were run again came back different, all but the derivative by t1 is nan, and unresolved.
+    second sweep, which cuts such steps, takes its place. Both share `most_tries` steps; out of them, or where steps
+    that were run again came back different, all but the derivative by t1 is nan.
     """
     system = backward.system
     t0_perturbed, t1_perturbed = perturbed_ends
@@ -53,21 +53,21 @@ def pull_back(
         # The error allowed to a step is relative to dJ/dtheta, whose size is known after a sweep.
         number, at, _ = carry
         gathered, worst = at.gathered.unpack(), at.worst.unpack()
-        unresolved = backward.control.of_gradient(backward.step_parameters, gathered, worst, at.peak) > 1
-        return (number == 0) | ((number == 1) & unresolved)
+        too_large = backward.control.of_gradient(backward.step_parameters, gathered, worst, at.peak) > 1
+        return (number == 0) | ((number == 1) & too_large)
 
     _, at, by_events = lax.while_loop(goes_on, sweep, (jnp.array(0), start, no_gradient))
     # Out of tries the gradient is not finished: a wrong one must not pass.
-    unresolved = at.tries >= backward.control.most_tries
-    nan_if_unfinished = jnp.where(unresolved, jnp.nan, 0)
-    or_nan = lambda tree: jax.tree.map(lambda leaf: leaf + nan_if_unfinished.astype(leaf.dtype), tree)
+    out_of_steps = at.tries >= backward.control.most_tries
+    nan_or_0 = jnp.where(out_of_steps, jnp.nan, 0)
+    or_nan = lambda tree: jax.tree.map(lambda leaf: leaf + nan_or_0.astype(leaf.dtype), tree)
     total = _added(or_nan(by_events).unpack(), or_nan(at.total).unpack())
     total, psi, by_t0 = _through_start(backward, motion, initial, total, or_nan(at.psi), t0_perturbed)
     by_t1 = jnp.zeros_like(t1)
     if t1_perturbed:
         flow = system.flow(last_moment(motion, t1), motion.x, motion.mode)
         by_t1 = where_reached(motion, backward.cotangent.final @ flow)
-    return total, psi, by_t0, by_t1, unresolved
+    return total, psi, by_t0, by_t1, out_of_steps
 
 
 def _through_segment(backward: BackwardPass, motion: Motion, j, t0, at: BackwardState) -> BackwardState:

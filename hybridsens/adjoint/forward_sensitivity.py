@@ -223,8 +223,8 @@ def _through_event(forward: ForwardPass, motion: Motion, j, moves, taken: StepRe
     d = push_jump_forward(forward.system, event, forward.d_system, dx, dt, is_event)
     put = lambda buffer, entry: write(buffer, jnp.where(is_event, entry, 0), place)
     last = taken.count
-    t = jnp.where(is_event & is_jump(event.guard), after_jump(event.states.time), taken.t[last])
-    taken = taken.jump(t, jnp.where(is_event, event.states.after, taken.x[last]))
+    t = jnp.where(is_event & is_jump(event.number), after_jump(event.states.time), taken.t[last])
+    taken = taken.restart(t, jnp.where(is_event, event.states.after, taken.x[last]))
     tangent = MotionTangent(
         tangent.end, tangent.final, jax.tree.map(put, tangent.events, d.reported),
         write(tangent.steps_t, d.reported.time, last), write(tangent.steps_x, d.reported.after, last),

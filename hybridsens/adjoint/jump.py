@@ -37,7 +37,7 @@ class Jump(NamedTuple):
 
 def flows_at(system: AbstractFlatSystem, event: Event) -> Flows:
     """Flows on both sides, held constant while the jump is differentiated."""
-    t, at_jump_time = event.states.time, is_jump(event.guard)
+    t, at_jump_time = event.states.time, is_jump(event.number)
     before = (jnp.where(at_jump_time, before_jump(t), t), event.states.before, event.mode)
     after = (jnp.where(at_jump_time, after_jump(t), t), event.states.after, event.decision.mode)
     sides = jax.tree.map(lambda *side: jnp.stack(side), before, after)
@@ -53,7 +53,7 @@ def jump(system: AbstractFlatSystem, event: Event, flows: Flows, before: Float[A
     at_guard = before + flows.before * dt
     after, emitted = system.reset(event.decision, t, at_guard)
     if system.jump_times() is not None:
-        at_jump_time = is_jump(event.guard)
+        at_jump_time = is_jump(event.number)
         # Of any other event this is not used, and must be finite: so it stays in the mode before.
         beyond = jax.tree.map(lambda old, new: jnp.where(at_jump_time, new, old), event.mode, event.decision.mode)
         after = jnp.where(at_jump_time, past_jump(system, t, at_guard, (event.mode, beyond)), after)
@@ -120,12 +120,12 @@ def fallen_guard(system: AbstractFlatSystem, event: Event, t, x) -> Float[Array,
 
     Picked by a sum: a system without guards traces through here too, and an index would have no bounds."""
     guards = system.guards(t, x, event.mode)
-    fallen = jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == event.guard, guards, 0))
+    fallen = jnp.sum(jnp.where(jnp.arange(guards.shape[0]) == event.number, guards, 0))
     jumps, scheduled = system.jump_times(), system.scheduled_times(x, event.mode)
     if jumps is not None:
         numbers = jump_number(jnp.arange(jumps.shape[0]))
-        fallen += jnp.sum(jnp.where(numbers == event.guard, jumps - t, 0)).astype(fallen.dtype)
+        fallen += jnp.sum(jnp.where(numbers == event.number, jumps - t, 0)).astype(fallen.dtype)
     if scheduled is not None:
         numbers = guards.shape[0] + jnp.arange(scheduled.shape[0])
-        fallen += jnp.sum(jnp.where(numbers == event.guard, scheduled - t, 0)).astype(fallen.dtype)
+        fallen += jnp.sum(jnp.where(numbers == event.number, scheduled - t, 0)).astype(fallen.dtype)
     return fallen

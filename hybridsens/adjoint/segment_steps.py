@@ -49,8 +49,8 @@ def recomputed_steps(rerun: Rerun, motion: Motion, j: Int[Array, ""]) -> Segment
     """Segment j, run again from where its event left it, on to its next event.
 
     It takes the same steps but for rounding, by which another program differs: where a gap closes slowly, that may be
-    another time or one step more. A segment that ends elsewhere makes the gradient unresolved, and so does one in which
-    the flow jumps: a wrong gradient must not pass.
+    another time or one step more. One that ends elsewhere counts as out of steps, and so does one in which the flow
+    jumps: a wrong gradient must not pass.
     """
     system, stepper, start, t1, least_state = rerun
     mode, first, _ = segment(motion, j)

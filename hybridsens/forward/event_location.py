@@ -58,8 +58,8 @@ class LocatorState(eqx.Module):
     """The guard that the last step ended on; it means nothing where the step ended on none."""
     grazed: Float[Array, ""]
     """End of the last step in which a guard was missed by less than can be told from an event; -inf for none."""
-    jumped: Bool[Array, ""]
-    """Whether the guard that the last step ended on has jumped below zero, without falling."""
+    guard_jumped: Bool[Array, ""]
+    """Whether the guard that the last step ended on has guard_jumped below zero, without falling."""
     finite: Bool[Array, ""]
     """Whether the last candidate was finite."""
     crawled: Int[Array, ""]
@@ -160,7 +160,7 @@ class EventLocator(diffrax.AbstractStepSizeController):
             rejected=state.rejected + ~keep,
             landed_on=inside.landed_on,
             grazed=jnp.where(accurate & inside.grazes, t1, state.grazed),
-            jumped=inside.jumps,
+            guard_jumped=inside.jumps,
             finite=jnp.all(jnp.isfinite(y1_candidate)) & inside.finite,
             crawled=jnp.where(keep, jnp.where(h <= time_resolution(t0, 1), state.crawled + 1, 0), state.crawled),
         )

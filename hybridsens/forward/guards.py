@@ -20,7 +20,7 @@ class GuardsAtStart(eqx.Module):
     """Guards that the segment starts on."""
     triggered: Bool[Array, "guard"]
     """Guards that are at or below zero and falling at the very start."""
-    jumped: Bool[Array, "guard"]
+    guard_jumped: Bool[Array, "guard"]
     """Guards that are farther below than their fall explains: an event, or a jump, put them there."""
 
 
@@ -36,11 +36,11 @@ def guards_at_start(system, t, x, mode) -> GuardsAtStart:
     triggered &= guard < jnp.inf  # where the rate is infinite too, that comparison says nothing
     leaving = (guard <= noise) & ~triggered & (rate >= -rate_noise)
     lifting = leaving & (rate <= rate_noise)  # without a rate, only its acceleration carries it off
-    jumped = guard < -noise - time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
+    guard_jumped = guard < -noise - time_resolution(t, MOST_RELAXED) * jnp.abs(rate)
     below = leaving & (guard < -rounding(x.dtype) * size)  # it takes a while to rise to zero: no crossing
     # Half of what counts as zero, and little more than it was below: what strikes there again is not too deep.
     granted = jnp.maximum(jnp.where(lifting, noise / 2, 0), jnp.where(lifting | below, -1.0001 * guard, 0))
-    return GuardsAtStart(guard, rate, granted, leaving, triggered, jumped)
+    return GuardsAtStart(guard, rate, granted, leaving, triggered, guard_jumped)
 
 
 def scales_at(system, t, x, mode, guard) -> tuple[Float[Array, "guard"], Float[Array, "guard"]]:

@@ -39,7 +39,7 @@ class StepRecord(eqx.Module):
     """The accepted steps: step k goes from (t[k], x[k]) to t[k+1], where x[k] already includes a jump at t[k]."""
 
     t: Float[Array, "step"]
-    """Grid times; inf beyond the last."""
+    """Grid times. Behind the last one stands the end of a step that was tried and not kept, if any; then inf."""
     x: Float[Array, "step state"]
     """State at the start of each step; the last entry is the final state."""
     count: Int[Array, ""]
@@ -50,7 +50,7 @@ class StepRecord(eqx.Module):
         place = self.count + 1
         return StepRecord(write(self.t, t, place), write(self.x, x, place), self.count + keep)
 
-    def jump(self, t, x) -> "StepRecord":
+    def restart(self, t, x) -> "StepRecord":
         """Replace the current time and state by those after a jump."""
         return StepRecord(write(self.t, t, self.count), write(self.x, x, self.count), self.count)
 
@@ -59,7 +59,7 @@ class EventRow(NamedTuple):
     """What is written down of an event; with a leading axis, of every event."""
 
     states: EventStates
-    guard: Int[Array, "*event"]
+    number: Int[Array, "*event"]
     """Which event: the number of the guard that fell through zero; that of a scheduled time, behind those of
     the guards; or `jump_number` of a jump time."""
     decision: Decision
@@ -70,7 +70,7 @@ class Event(NamedTuple):
     """One event, and the mode before it."""
 
     states: EventStates
-    guard: Int[Array, ""]
+    number: Int[Array, ""]
     decision: Decision
     mode: Mode
 
@@ -199,14 +199,14 @@ def segment_mode(motion: Motion, j) -> Mode:
 def recorded_event(motion: Motion, j) -> Event:
     """Event j, which ends segment j."""
     row = jax.tree.map(lambda rows: rows[j], motion.events.rows)
-    return Event(row.states, row.guard, row.decision, segment_mode(motion, j))
+    return Event(row.states, row.number, row.decision, segment_mode(motion, j))
 
 
 def segment_start(motion: Motion, j, t0) -> Float[Array, ""]:
     """When segment j began."""
     previous = jnp.maximum(j - 1, 0)
     time = motion.events.states.time[previous]
-    return jnp.where(j > 0, jnp.where(is_jump(motion.events.rows.guard[previous]), after_jump(time), time), t0)
+    return jnp.where(j > 0, jnp.where(is_jump(motion.events.rows.number[previous]), after_jump(time), time), t0)
 
 
 def segment_end(motion: Motion, j) -> Float[Array, ""]:
@@ -214,7 +214,7 @@ def segment_end(motion: Motion, j) -> Float[Array, ""]:
     events = motion.events
     place = jnp.minimum(j, events.steps.shape[0] - 1)
     time = events.states.time[place]
-    time = jnp.where(is_jump(events.rows.guard[place]), before_jump(time), time)
+    time = jnp.where(is_jump(events.rows.number[place]), before_jump(time), time)
     return jnp.where(j < events.count, time, motion.t)
 
 
@@ -240,6 +240,6 @@ def where_reached(motion: Motion, by_t1: Array) -> Array:
 def order_of_events(motion: Motion) -> Int[Array, "event"]:
     """Rows of the record that are reported, in their order."""
     events = motion.events
-    hidden = is_jump(events.rows.guard) | events.rows.decision.silent
+    hidden = is_jump(events.rows.number) | events.rows.decision.silent
     sort = lambda: jnp.argsort(hidden, stable=True)[: events.room]
     return lax.cond(motion.unreported > 0, sort, lambda: jnp.arange(events.room))  # to sort takes longer than to ask

@@ -28,7 +28,7 @@ def past_coincidences(system: AbstractFlatSystem, motion: Motion, ts: Float[Arra
     if system.jump_times() is None:
         return ts
     rows, steps = motion.events.rows, motion.steps
-    jump = is_jump(rows.guard)
+    jump = is_jump(rows.number)
     # How many jump times, and how many events, there are up to each row: a sample need not look at every row.
     up_to = [jnp.cumsum(jnp.append(0, kind)) for kind in (jump, ~jump & ~rows.decision.silent)]
 

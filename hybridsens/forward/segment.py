@@ -28,8 +28,8 @@ class SegmentEnd(eqx.Module):
     begun, meaningless without an event."""
     time: Float[Array, ""]
     """When: where the motion stands, or the declared time itself."""
-    jumped: Bool[Array, ""]
-    """Whether the guard has jumped below zero, without falling."""
+    guard_jumped: Bool[Array, ""]
+    """Whether the guard has guard_jumped below zero, without falling."""
 
 
 def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> tuple[Motion, SegmentEnd]:
@@ -79,9 +79,9 @@ def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Moti
     at_known_time = ~on_guard & (motion.status == Status.running) & jnp.isfinite(known.stop)
     time = jnp.where(at_known_time, known.time, motion.t)
     event = jnp.where(at_known_time, known.event, guard)
-    below = jnp.any(start.jumped & (jnp.arange(start.guard.shape[0]) == guard))
-    jumped = on_guard & jnp.where(ends_at_start, below, state.jumped)
-    return motion, SegmentEnd(on_guard | at_known_time, event, time, jumped)
+    below = jnp.any(start.guard_jumped & (jnp.arange(start.guard.shape[0]) == guard))
+    guard_jumped = on_guard & jnp.where(ends_at_start, below, state.guard_jumped)
+    return motion, SegmentEnd(on_guard | at_known_time, event, time, guard_jumped)
 
 
 class KnownTime(NamedTuple):

@@ -67,8 +67,8 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
     motion has ended; with one it has where the system says so.
 
     The first event is the beginning: it chooses the mode, puts the state on the constraints of that mode, and is not
-    `recorded`. A jump time only chooses the mode anew. Where there is no room for an event, or where it repeats, it is
-    not carried out: all stays as before, and the status tells why."""
+    `recorded`. A jump time chooses the mode anew, and the state moves on while the clock passes it. Where there is no
+    room for an event, or where it repeats, it is not carried out: all stays as before, and the status tells why."""
     t, before, events = end.time, motion.x, motion.events
     at_jump_time = is_jump(end.event)
     hidden = at_jump_time | system.is_silent(end.event, motion.mode)
@@ -99,7 +99,7 @@ def pass_event(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd) -> M
         x=after,
         mode=mode,
         first_mode=jax.tree.map(lambda first, new: jnp.where(motion.begun, first, new), motion.first_mode, mode),
-        steps=motion.steps.jump(t_after, after),
+        steps=motion.steps.restart(t_after, after),
         events=events,
         last_event=jnp.where(carried_out, end.event, motion.last_event),
         last_event_time=jnp.where(recorded, t, motion.last_event_time),
@@ -131,7 +131,7 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
     if decision.at_once is not False:  # in a system whose events may come with the one before
         # A guard that jumps below zero at the instant of that event moves with it, for that event tells where.
         same_instant = (t - motion.last_event_time <= time_resolution(t, MOST_RELAXED)) & ~motion.last_is_silent
-        decision = dataclasses.replace(decision, at_once=decision.at_once | (end.jumped & same_instant))
+        decision = dataclasses.replace(decision, at_once=decision.at_once | (end.guard_jumped & same_instant))
     reset_x, emitted = system.reset(decision, t, before)
     at_event = lambda: reset_x
     if system.jump_times() is not None:
@@ -144,7 +144,7 @@ def _transition(system: AbstractFlatSystem, motion: Motion, end: SegmentEnd, at_
 def _doubt(motion: Motion, end: SegmentEnd, decision: Decision, recorded) -> Doubt:
     """Why derivatives are not to be trusted, this event included where it is `recorded`."""
     # Where a guard that was below zero jumps above it, nothing happens, so that no derivative asks for that place.
-    jumps = end.jumped & jnp.logical_not(decision.at_once) & jnp.logical_not(decision.silent)
+    jumps = end.guard_jumped & jnp.logical_not(decision.at_once) & jnp.logical_not(decision.silent)
     doubt = motion.doubt.also(recorded & jumps, Status.guard_jumps, end.time)
     return doubt.also(recorded & decision.grazing, Status.grazing, end.time)
 
@@ -166,4 +166,4 @@ def _status(motion: Motion, doubt: Doubt, goes_on, why_not: Status) -> Status:
 def _marks(motion: Motion, event: EventRow) -> EventMarks:
     """What is discrete about the next event."""
     decision, count = event.decision, motion.events.count - motion.unreported + 1
-    return EventMarks(event.guard, decision.kind, jnp.asarray(decision.order_matters), decision.mode, count)
+    return EventMarks(event.number, decision.kind, jnp.asarray(decision.order_matters), decision.mode, count)
