@@ -20,7 +20,7 @@ from .adjoint.steps_back import BackwardPass
 from .flat_system import AbstractFlatSystem, Mode
 from .forward.flow_jumps import told_of_flow_jumps
 from .forward.record import Motion, empty_motion, first_moment
-from .forward.sampling import past_coincidences, sample_states
+from .forward.sampling import past_coincidences, sample_rates, sample_states
 from .forward.segment_loop import run_segments
 from .forward.solver import TERM, FlowSize, RunSettings, flow_size
 from .numerics.batch_axes import batch_in_front
@@ -102,8 +102,7 @@ def _samples(problem: Problem, options: Options, motion: Motion):
         return None
     solver = options.settings.replay_solver(_flow_size(problem, options))
     ts = past_coincidences(problem.system, motion, problem.ts)
-    # Differentiated forward alone: `pull_back` and `_by_sample_times` go back.
-    samples = sample_states(problem.system, solver, motion, ts, forward_mode=True)
+    samples = sample_states(problem.system, solver, motion, ts)
     return jnp.where(_reached(ts, motion), samples, jnp.nan)
 
 
@@ -169,7 +168,7 @@ def go_back(
     perturbed_ends = backward_options.t0_perturbed, backward_options.t1_perturbed
     initial = problem.t0, problem.x0
     by_system, by_x0, by_t0, by_t1, out_of_steps = pull_back(backward, motion, initial, problem.t1, perturbed_ends)
-    by_ts = None if backward.ts is None else _by_sample_times(problem, backward, motion)
+    by_ts = _by_sample_times(problem, backward, motion)
     return Problem(by_system, by_x0, by_t0, by_t1, by_ts, out_of_steps.astype(mark.dtype) + mark)
 
 
@@ -195,9 +194,11 @@ def _backward_pass(problem: Problem, options: Options, adjoint, motion: Motion, 
 
 
 def _by_sample_times(problem: Problem, backward: BackwardPass, motion: Motion):
-    """Cotangents of the times asked for, by which a sample moves along the flow."""
-    sample = lambda ts: sample_states(problem.system, backward.solver, motion, ts)
-    return jax.vjp(sample, backward.ts)[1](backward.cotangent.samples)[0]
+    """Cotangents of the times asked for, by which a sample moves along the flow; None where there are none."""
+    ts, cotangents = backward.ts, backward.cotangent.samples
+    if ts is None or cotangents is None:
+        return None
+    return jnp.sum(sample_rates(problem.system, backward.solver, motion, ts) * cotangents, axis=1)
 
 
 def _control(settings: RunSettings, solver) -> DerivativeControl:

@@ -86,8 +86,10 @@ class ForwardPlace(NamedTuple):
     width: Float[Array, ""]
     """Longest step to try; inf for as long as the recorded one."""
     steps: StepRecord
+    steps_t: Float[Array, "step"]
+    """Tangents of their times."""
     steps_x: Float[Array, "step state"]
-    """Tangents of their states."""
+    """Those of their states."""
     peak: Float[Array, ""]
     tries: Int[Array, ""]
 
@@ -98,7 +100,10 @@ def push_forward(
     """The motion with all steps that its tangent has taken, that tangent, under `tangents` of (x0, t0, t1), and whether
     there was no room for all of its steps: then it is nan.
 
-    `initial` is (t0, x0). Inside a segment the grid stands still; its ends move with the events (T5).
+    `initial` is (t0, x0). The tangent dx is that at fixed times. What is recorded moves: events by (T5), and the steps
+    of a segment with the event that it begins with, so that they keep their lengths. Were they to stand still, a second
+    derivative would gather what the error of the first step changes by, times how far that event moves: the later it
+    comes, the farther.
     """
     dx0, dt0, dt1 = tangents
     dt1 = where_reached(motion, dt1)
@@ -149,21 +154,22 @@ def _through_segment(forward: ForwardPass, motion: Motion, j, t0, pushed: Pushed
     _, first, _ = segment(motion, j)
     unlimited = jnp.full_like(t0, jnp.inf)
     at = ForwardPlace(
-        first, steps.t[first], steps.x[first], pushed.dx, unlimited, pushed.steps, tangent.steps_x, pushed.peak,
-        pushed.tries,
+        first, steps.t[first], steps.x[first], pushed.dx, unlimited, pushed.steps, tangent.steps_t, tangent.steps_x,
+        pushed.peak, pushed.tries,
     )  # fmt: skip
-    at = _through_steps(forward, motion, j, at)
+    at = _through_steps(forward, motion, j, at, pushed.dt)
     # What is added is zero, and matters to a second derivative alone.
     dx = at.dx + push_no_length(forward.system, forward.d_system, motion, j, t0, at.dx)
-    moves, tangent = (dx, pushed.dt), tangent._replace(steps_x=at.steps_x)
+    moves, tangent = (dx, pushed.dt), tangent._replace(steps_t=at.steps_t, steps_x=at.steps_x)
     dx, dt, taken, tangent = _through_event(forward, motion, j, moves, at.steps, tangent)
     here = jnp.minimum(j, pushed.ends.shape[0] - 1)
     ends = write(pushed.ends, jnp.where(j < motion.events.count, taken.count, 0), here)
     return Pushed(dx, dt, taken, ends, tangent, at.peak, at.tries)
 
 
-def _through_steps(forward: ForwardPass, motion: Motion, j, start: ForwardPlace) -> ForwardPlace:
-    """Tangents through the steps of segment j: each recorded step at once, or in as many as they need."""
+def _through_steps(forward: ForwardPass, motion: Motion, j, start: ForwardPlace, dt) -> ForwardPlace:
+    """Tangents through the steps of segment j: each recorded step at once, or in as many as they need. The segment
+    begins by dt later."""
     control, record = forward.control, motion.steps
     mode, _, last = segment(motion, j)
     end = segment_end(motion, j)
@@ -179,6 +185,7 @@ def _through_steps(forward: ForwardPass, motion: Motion, j, start: ForwardPlace)
         accepted, width = accepted | finest, jnp.where(finest, place.width, width)
         in_one = accepted & reaches & (place.t == record.t[place.k])
         x1 = jnp.where(reaches & (place.k + 1 < last), record.x[place.k + 1], x1)
+        moved = dx1 + forward.system.flow(t1, x1, mode) * dt
         if_accepted = lambda new, old: jnp.where(accepted, new, old)
         return ForwardPlace(
             k=jnp.where(accepted & reaches, place.k + 1, place.k),
@@ -187,7 +194,8 @@ def _through_steps(forward: ForwardPass, motion: Motion, j, start: ForwardPlace)
             dx=if_accepted(dx1, place.dx),
             width=jnp.where(in_one, jnp.inf, width),
             steps=place.steps.append(t1, x1, accepted),
-            steps_x=write(place.steps_x, dx1, place.steps.count + 1),
+            steps_t=write(place.steps_t, dt, place.steps.count + 1),
+            steps_x=write(place.steps_x, moved, place.steps.count + 1),
             peak=if_accepted(jnp.maximum(place.peak, lax.stop_gradient(size)), place.peak),
             tries=place.tries + 1,
         )

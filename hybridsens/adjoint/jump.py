@@ -63,15 +63,14 @@ def jump(system: AbstractFlatSystem, event: Event, flows: Flows, before: Float[A
 def push_jump_forward(system: AbstractFlatSystem, event: Event, d_system, dx, dt_before, is_event=True) -> Jump:
     """Tangent of the jump: dt = -(h_x dx + h_theta dtheta) / h' (T5), and with it dx+ = S dx + ... (T6).
 
-    An event that comes at once moves as the one before, by dt_before. Where there is no event, h' may be 0: what is
-    returned then is finite and means nothing."""
+    An event that comes at once moves as the one before, by dt_before, and so does a silent one. Where there is no
+    event, h' may be 0: what is returned then is finite and means nothing."""
     t, x, flows = event.states.time, event.states.before, flows_at(system, event)
     guard = lambda system, t, x: fallen_guard(system, event, t, x)
     rate = _tangent(lambda t, x: guard(system, t, x), (t, x), (jnp.ones_like(t), flows.before))
     change = _tangent(guard, (system, t, x), (d_system, None, dx))
     falls = is_event & _falls_by_itself(event)
-    dt = -change / jnp.where(falls, rate, 1)
-    dt = jnp.where(event.decision.at_once, dt_before, dt)
+    dt = jnp.where(_falls_by_itself(event), -change / jnp.where(falls, rate, 1), dt_before)
     go = lambda system, x, dt: jump(system, event, flows, x, dt)
     return _tangent(go, (system, x, jnp.zeros_like(t)), (d_system, dx, dt))
 

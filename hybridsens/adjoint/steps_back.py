@@ -19,6 +19,7 @@ from ..xla.once import computed_once
 from ..xla.packed import pack
 from .control import DerivativeControl, is_noise
 from .methods import AbstractGradientMethod
+from .no_length import pull_in_no_time
 from .segment_steps import SegmentSteps
 from .step import RecordedStep, StepBack
 
@@ -91,7 +92,7 @@ def through_steps(backward: BackwardPass, steps: SegmentSteps, end, at: Backward
     def body(carry):
         place, at = carry
         tried = _try_step(backward, steps, place, at)
-        moved = _carried_on(backward, at, tried)
+        moved = _carried_on(backward, steps.mode, at, tried)
         at = jax.tree.map(lambda new, old: jnp.where(tried.accepted, new, old), moved, at)
         return _next_place(steps, end, place, tried), at._replace(tries=at.tries + 1)
 
@@ -109,6 +110,8 @@ class TriedStep(NamedTuple):
 
     left: Float[Array, ""]
     """Where it ends."""
+    x: Float[Array, "state"]
+    """The state there."""
     is_data: Bool[Array, ""]
     """Whether that is a data time."""
     reaches_start: Bool[Array, ""]
@@ -137,14 +140,14 @@ def _try_step(backward: BackwardPass, steps: SegmentSteps, place: BackwardPlace,
     accepted, width, size, peak = computed_once(at.tries >= 0, judge)
     finest = h <= time_resolution(place.right, 2)  # cannot be cut: two data times may coincide
     width = jnp.where(finest, place.width, width)
-    return TriedStep(left, is_data, reaches_start, step, accepted | finest, width, size, gathered, peak)
+    return TriedStep(left, x0, is_data, reaches_start, step, accepted | finest, width, size, gathered, peak)
 
 
-def _carried_on(backward: BackwardPass, at: BackwardState, tried: TriedStep) -> BackwardState:
+def _carried_on(backward: BackwardPass, mode, at: BackwardState, tried: TriedStep) -> BackwardState:
     """Where the sweep stands after a step that is accepted."""
     step = tried.step
     total = jax.tree.map(jnp.add, at.total, step.total)
-    psi, samples_left = _add_data(backward, tried.is_data, step.psi, at.samples_left)
+    total, psi, samples_left = _add_data(backward, mode, tried, (total, step.psi), at.samples_left)
     worst = at.worst
     if step.total_error is not None:
         counts = ~is_noise(tried.size, tried.peak)
@@ -184,7 +187,7 @@ def _left_end(backward: BackwardPass, start, place: BackwardPlace, samples_left)
     may go. Parts are shorter than `width`, because the error estimate exaggerates the error of short steps.
 
     A data time at which a step starts or ends takes a step of no length, and one that is given twice takes two: in a
-    second derivative the data time moves, and the steps do not."""
+    second derivative they move apart. It is taken along with the steps, which then keep their lengths."""
     cut = backward.control.cut(place.width)
     left = jnp.where(place.right - start <= place.width, start, place.right - cut)
     if backward.ts is None:
@@ -192,14 +195,21 @@ def _left_end(backward: BackwardPass, start, place: BackwardPlace, samples_left)
     data_time = jnp.where(samples_left > 0, backward.ts[jnp.maximum(samples_left - 1, 0)], -jnp.inf)
     is_data = data_time >= left
     data_time = data_time - lax.stop_gradient(jnp.maximum(data_time - place.right, 0))  # at a jump time: before it
-    return jnp.where(is_data, data_time, left), is_data
+    return jnp.where(is_data, data_time + (start - lax.stop_gradient(start)), left), is_data
 
 
-def _add_data(backward: BackwardPass, here, psi, samples_left):
-    """psi- = psi+ + c_x at a data time."""
-    if backward.cotangent.samples is None:
-        return psi, samples_left
-    return psi + jnp.where(here, backward.cotangent.samples[jnp.maximum(samples_left - 1, 0)], 0), samples_left - here
+def _add_data(backward: BackwardPass, mode, tried: TriedStep, carried, samples_left):
+    """psi- = psi+ + c_x at a data time. Where the step that came there has taken it along, in a second derivative, c_x
+    is carried back to where the step ends."""
+    if backward.cotangent.samples is None or backward.ts is None:
+        return *carried, samples_left
+    (total, psi), place = carried, jnp.maximum(samples_left - 1, 0)
+    c_x = jnp.where(tried.is_data, backward.cotangent.samples[place], 0)
+    by_parameters, by_state = pull_in_no_time(
+        backward.system, backward.step_parameter_mask, (tried.left, backward.ts[place]), tried.x, mode, c_x
+    )
+    total = jax.tree.map(jnp.add, total, pack(by_parameters))
+    return total, psi + c_x + by_state, samples_left - tried.is_data
 
 
 def _judge(backward: BackwardPass, x, at: BackwardState, step: StepBack, h, width):

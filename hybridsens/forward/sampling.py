@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from ..flat_system import AbstractFlatSystem
 from ..numerics.batch_axes import batch_in_front
+from ..numerics.no_time import in_no_time
 from ..numerics.tolerances import jump_window
 from .record import Motion, is_jump, segment, segment_end
 from .solver import one_step
@@ -50,35 +51,52 @@ def _start(motion: Motion):
 
 
 def sample_states(
-    system: AbstractFlatSystem, solver: diffrax.AbstractSolver, motion: Motion, ts: Float[Array, "sample"],
-    forward_mode: bool = False,
-) -> Float[Array, "sample state"]:  # fmt: skip
-    """States at `ts`; at an event, the state just after it. Differentiable in the recorded grid and in ts.
+    system: AbstractFlatSystem, solver: diffrax.AbstractSolver, motion: Motion, ts: Float[Array, "sample"]
+) -> Float[Array, "sample state"]:
+    """States at `ts`; at an event, the state just after it. Differentiable in the recorded grid and in ts, in forward
+    mode alone: directions share what they have in common."""
+    return jax.vmap(lambda t: _at(system, solver, motion, t)[1])(ts)
 
-    With `forward_mode` in forward mode alone, and quicker: directions share what they have in common."""
-    take = _shorter_step if forward_mode else _plain_step
+
+def sample_rates(
+    system: AbstractFlatSystem, solver: diffrax.AbstractSolver, motion: Motion, ts: Float[Array, "sample"]
+) -> Float[Array, "sample state"]:
+    """Rates of the states at `ts`, by which samples move with their times."""
+    return jax.vmap(lambda t: system.flow(*_at(system, solver, motion, t)))(ts)
+
+
+def _at(system: AbstractFlatSystem, solver, motion: Motion, t):
+    """Time, state and mode of a sample; a jump time belongs to what was before.
+
+    Where the grid moves, the step to the sample keeps its length, and the flow leads back to the time asked for. What a
+    step's error changes by with its length would be multiplied by how far the grid moves, which may be far."""
     ends = motion.events.steps
     passed = jnp.arange(ends.shape[0]) < motion.events.count
+    k = jnp.searchsorted(motion.steps.t, t, side="right") - 1
+    k = jnp.clip(k, 0, motion.steps.count)
+    j = jnp.sum(passed & (ends <= k))
+    mode, _, _ = segment(motion, j)
+    t = t - lax.stop_gradient(jnp.maximum(t - segment_end(motion, j), 0))
+    start = motion.steps.t[k]
+    moved = t + (start - lax.stop_gradient(start))
+    x = _shorter_step(motion.begun, solver, system, mode, start, moved, motion.steps.x[k])
+    return t, x + in_no_time(_mean_flow, moved, t, system, moved, t, x, mode), mode
 
-    def state_at(t):
-        k = jnp.searchsorted(motion.steps.t, t, side="right") - 1
-        k = jnp.clip(k, 0, motion.steps.count)
-        j = jnp.sum(passed & (ends <= k))
-        mode, _, _ = segment(motion, j)
-        t = t - lax.stop_gradient(jnp.maximum(t - segment_end(motion, j), 0))  # a jump time belongs to what was before
-        return take(motion.begun, solver, system, mode, motion.steps.t[k], t, motion.steps.x[k])
 
-    return jax.vmap(state_at)(ts)
+def _mean_flow(system: AbstractFlatSystem, t0, t1, x, mode):
+    """The flow on the way from (t0, x) to t1 = t0, f + (t1 - t0) f' / 2: right in second derivatives too."""
 
+    def change(system, t, x, mode):
+        flow = lambda t, x: system.flow(t, x, mode)
+        return jax.jvp(flow, (t, x), (jnp.ones_like(t), flow(t, x)))[1]
 
-def _plain_step(begun, solver, system, mode, t0, t, x0):
-    del begun
-    return one_step(solver, system, mode, t0, t, x0)
+    return system.flow(t0, x, mode) + in_no_time(change, t0, t1, system, t0, x, mode) / 2
 
 
 @eqx.filter_custom_jvp
-def _shorter_step(*given):
-    return batch_in_front(_plain_step(*given))
+def _shorter_step(begun, solver, *point):
+    del begun
+    return batch_in_front(one_step(solver, *point))
 
 
 @_shorter_step.def_jvp
