@@ -2,7 +2,7 @@
 `MechanicalSystem.reset` then moves the state."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ from .checks import may_begin
 from .contact import FEW, Among, Instant, among_wanted, contact_jacobian, gap_and_rate, walls_move
 from .event_state import MEETING, EventState, acted_on_nearby, look_at_event, wider_scales
 from .laws import impulse_support, transition_impulse
-from .mode import ROUNDED, ContactMode, EventKind, open_mode
+from .mode import ROUNDED, ContactMode, EventKind, Limits, open_mode
 from .scene import AbstractScene
 from .settling import Impact, apply_laws
 from .smoothness import has_jumped
@@ -26,15 +26,6 @@ from .status import ContactStatus
 
 NEAR = 1e3
 """Gaps up to so many times what counts as closed are looked at, where not all are: a scale may have grown since."""
-
-
-class Limits(NamedTuple):
-    """Speeds and depths below which a rebound or a touch is neglected."""
-
-    capture_speed: Any
-    """Rebound speed, relative to the contact's fastest impact so far, below which it is captured."""
-    depth: tuple[Any, Any]
-    """(relative, absolute): a touch that would penetrate less deep than that is grazing."""
 
 
 class ImpactDetail(eqx.Module):
@@ -108,7 +99,7 @@ def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Con
     # A negative `event` is no contact. Its number is that of the last one then, and `met` masks what is read there.
     is_release = (event >= 0) & mode.active[event]
     relative, absolute = limits.depth
-    at_event, mode = look_at_event(scene, absolute, event, now, mode)
+    at_event, mode = look_at_event(scene, limits, event, now, mode)
     deepest = relative * mode.length[event] + absolute
     met = (event >= 0) & ~is_release
     guard = at_event.gap[event] + mode.margin[event]

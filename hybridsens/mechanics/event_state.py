@@ -10,11 +10,17 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.tolerances import closeness, rounding, time_resolution
 from .contact import ContactGeometry, Instant, contact_geometry, gap_and_rate
 from .laws import gap_acceleration
-from .mode import ContactMode
+from .mode import ContactMode, Limits
 from .scene import AbstractScene
 
 MEETING = 2
 """How far the location of an event may have been relaxed (see `time_resolution`) for contacts to count as meeting."""
+
+
+IN_TURN = 100
+"""A contact that was struck less than so many times what counts as closed ago, at its present rate, strikes in turn."""
+NOT_SLOW = 1
+"""It does so while its rate is more than so many times the speed that is captured."""
 
 
 class EventState(NamedTuple):
@@ -38,18 +44,21 @@ class EventState(NamedTuple):
     """Rebounds slower than this hop lower than the rounding of the gap."""
 
 
-def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: ContactMode) -> tuple[EventState, ContactMode]:
+def look_at_event(
+    scene: AbstractScene, limits: Limits, event, now: Instant, mode: ContactMode
+) -> tuple[EventState, ContactMode]:
     """Who meets, and the mode with its memory of sizes brought up to date."""
     t, q, v = now
     geometry = contact_geometry(scene, t, q)
     gap, rate = gap_and_rate(scene, t, q, v)
     accelerations = gap_acceleration(scene, geometry, t, q, v).held(geometry.delassus, mode.active)
-    mode = wider_scales(mode, geometry.jacobian, q, v, rate, atol)
+    mode = wider_scales(mode, geometry.jacobian, q, v, rate, limits.depth[1])
     tolerance = mode.gap_tolerance(t)
     chosen_anew = event < 0  # at the start and at a flow jump
     triggered = jnp.arange(gap.shape[0]) == event
     is_release = jnp.any(triggered & mode.active)
-    meeting = gap <= tolerance + time_resolution(t, MEETING) * jnp.abs(rate)
+    near = tolerance + time_resolution(t, MEETING) * jnp.abs(rate)
+    meeting = (gap <= near) & ~_in_turn(triggered, near, rate, t, limits.capture_speed, mode)
     joined = _joined(geometry, triggered, meeting, mode.active)  # others have an event of their own
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
     closed = jnp.where(is_release, held & ~triggered, held | joined)
@@ -58,7 +67,22 @@ def look_at_event(scene: AbstractScene, atol, event, now: Instant, mode: Contact
     below_rounding = rate_below_rounding(accelerations, t, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
     at_event = EventState(geometry, gap, rate, accelerations, triggered, meeting, closed, impacting, below_rounding)
-    return at_event, dataclasses.replace(mode, fastest=fastest)
+    struck = None if mode.struck is None else jnp.where(impacting, t, mode.struck)
+    return at_event, dataclasses.replace(mode, fastest=fastest, struck=struck)
+
+
+def _in_turn(triggered, near, rate, t, capture_speed, mode: ContactMode) -> Bool[Array, "contact"]:
+    """Contacts that strike in turn with the triggered one, ever faster, as a light body does between two that come
+    together: one was struck alone, just before. They are near without meeting, and have an event of their own.
+
+    Contacts that met at their last impact too, as the feet of a plate, meet again; and slow ones settle together."""
+    if mode.struck is None:
+        return jnp.zeros_like(triggered)
+    of_triggered = jnp.max(jnp.where(triggered, mode.struck, -jnp.inf))
+    alone = (mode.struck != of_triggered) | (mode.struck == t)
+    just_before = (t - mode.struck) * jnp.abs(rate) <= IN_TURN * near
+    fast = jnp.abs(rate) > NOT_SLOW * capture_speed * mode.fastest
+    return ~triggered & ~mode.active & alone & just_before & fast
 
 
 def rate_below_rounding(gap_acceleration, t, mode: ContactMode):

@@ -1,7 +1,7 @@
 """The discrete state of a mechanical system: which contacts are held, and what the laws remember."""
 
 import enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,6 +13,15 @@ from ..watch import Watch
 ROUNDED = 8
 """A projection that corrects gaps by up to `ROUNDED` times `gap_tolerance`, and rates by up to `ROUNDED` times what
 counts as none, is no error of a step: a contact closes with its gap off by that, and by the margin that it had."""
+
+
+class Limits(NamedTuple):
+    """Speeds and depths below which a rebound or a touch is neglected."""
+
+    capture_speed: Any
+    """Rebound speed, relative to the contact's fastest impact so far, below which it is captured."""
+    depth: tuple[Any, Any]
+    """(relative, absolute): a touch that would penetrate less deep than that is grazing."""
 
 
 class EventKind(enum.IntEnum):
@@ -47,6 +56,8 @@ class ContactMode(eqx.Module):
     """Largest |G|^T |v| or |Phi'| met so far: what rounding in the gap rate is relative to, also at rest [m/s]."""
     wall: Float[Array, "contact"] | None
     """Largest |Phi_t| met so far: how fast the gap moves by the clock alone [m/s]; None where no gap does."""
+    struck: Float[Array, "contact"] | None
+    """When the contact took part in an impact last, -inf before the first; None of a single contact [s]."""
 
     @property
     def held(self) -> Bool[Array, "contact"]:
@@ -65,7 +76,8 @@ class ContactMode(eqx.Module):
 def open_mode(contacts: int, dtype, walls_move: bool = False) -> ContactMode:
     """Every contact open, nothing remembered: what a motion starts from before its initial mode is chosen."""
     zero = jnp.zeros(contacts, dtype)
-    return ContactMode(jnp.zeros(contacts, bool), zero, zero, zero, zero, zero, zero if walls_move else None)
+    struck = jnp.full(contacts, -jnp.inf, dtype) if contacts > 1 else None
+    return ContactMode(jnp.zeros(contacts, bool), zero, zero, zero, zero, zero, zero if walls_move else None, struck)
 
 
 class SwitchedMode(eqx.Module):
