@@ -22,7 +22,7 @@ from tests.problems.stop_record import RECORD
 
 demo = import_module("hybridsens.cli.demo")
 FIT = ["fit", "elastic-stop", "--parameters", "mass", "--skip-missing", "--data", str(RECORD)]
-STUDIES = ("estimation.fit", "sweeps.sweep", "cli.compare.run", "cli.work_precision.run")
+STUDIES = ("estimation.fit", "sweeps.sweep", "cli.gradients.run_compare", "cli.gradients.run_work_precision")
 PLAIN = """
 import hybridsens as hs, jax, jax.numpy as jnp
 
