@@ -42,8 +42,7 @@ if TYPE_CHECKING:  # what `__getattr__` below imports, for type checkers and edi
     from .comparison.compare import compare
     from .comparison.compare_table import Comparison, plot_comparison
     from .comparison.lyapunov import lyapunov
-    from .comparison.work_precision import WorkPrecision, work_precision
-    from .comparison.work_precision_plot import plot_work_precision
+    from .comparison.work_precision import WorkPrecision, plot_work_precision, work_precision
     from .estimation import (
         FitResult,
         GrowingHorizon,
@@ -89,8 +88,7 @@ _BY_MODULE = {
     "comparison.compare": "compare",
     "comparison.compare_table": "Comparison plot_comparison",
     "comparison.lyapunov": "lyapunov",
-    "comparison.work_precision": "WorkPrecision work_precision",
-    "comparison.work_precision_plot": "plot_work_precision",
+    "comparison.work_precision": "WorkPrecision plot_work_precision work_precision",
     "estimation": "FitResult GrowingHorizon Measurements RandomStarts fit measurements read_measurements",
     "plot": "Animation animate contact_forces costate plot_contacts plot_coordinates plot_costate plot_fan "
     "plot_gradients plot_path plot_phase plot_solution plot_trajectory",

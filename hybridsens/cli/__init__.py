@@ -1,1 +1,1 @@
-"""The command line: one file for each command, registered in `main.py`."""
+"""The command line: its commands are registered in `main.py`."""

@@ -1,29 +1,53 @@
-"""`hybridsens demo`: a motion, its functional's gradient by three methods, and a picture."""
+"""`hybridsens demo`: a motion, the gradient of its functional beside a naive one, and a picture."""
 
+import functools
+import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import typer
 from matplotlib.figure import Figure
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 
-from ..comparison.compare import relative_error, relative_errors
-from ..comparison.demo import Demonstration, demonstrate
-from ..export.names import contact_names
-from ..export.text import MOST_ROWS, TERMINAL
+from ..adjoint.methods import Replay
+from ..comparison.baselines import where_reset, where_transition
+from ..comparison.compare import measure_method
+from ..comparison.compare_table import Comparison, Reference
+from ..comparison.differentiate import best_finite_differences
+from ..comparison.functional import move, ready_made_motion, running_cost_functional
+from ..comparison.gradient_methods import GradientMethod, from_adjoint
+from ..export.text import TERMINAL, wrapped
 from ..mechanics.event_table import impulse_of
 from ..mechanics.mode import EventKind
+from ..mechanics.switches import has_switches
 from ..mechanics.trajectory import Trajectory
+from ..parameters import FlatParameters, flatten_parameters
 from ..plot import plot_gradients, plot_trajectory
 from ..plot.solution import draw_solution
-from ..solution import Solution, SolutionEvents
+from ..solution import Solution
+from ..system import AbstractHybridSystem
 from ..waiting import waiting
 from .models import HELP, complete, file_name, runnable, text
 from .options import Json, picture_to_write, print_json
+
+TIGHT = dict(rtol=1e-12, atol=1e-12, max_steps=2**16)
+"""Settings of the motions that differences are taken of: they divide the noise of step selection by their width."""
+SAMPLES = 2001
+NAIVE_STEPS = 20_000
+
+
+class Demonstration(NamedTuple):
+    """What is shown of a scene."""
+
+    motion: Trajectory | Solution
+    comparison: Comparison
+    """The jump adjoint and the naive loop, beside differences as the reference."""
+    one_sided: list[str]
+    """Parameters whose differences could be taken to one side only (a coefficient of restitution of 1, say)."""
 
 
 def demo(
@@ -41,127 +65,115 @@ def demo(
         raise typer.BadParameter(f"the tolerance must lie between 1e-13 and 1e-2, but is {tolerance:g}")
     output = output or Path(f"hybridsens-{file_name(scene)}.png")
     with waiting("compiling the motion and its gradients", shown=True):
-        shown = demonstrate(chosen, tolerance=tolerance)
+        shown = demonstrate(chosen, tolerance)
     if json:
         print_json(_summary(scene, shown))
     else:
-        _print(scene, chosen, shown)
+        print("\n".join(_report(scene, text(type(chosen)), shown)))
     _picture(scene, chosen, shown).savefig(output, dpi=120)
     print(f"picture: {output}", file=sys.stderr if json else sys.stdout)
 
 
-def _print(name: str, scene: Any, shown: Demonstration) -> None:
-    console = Console(width=TERMINAL, highlight=False)
-    about = _unwrapped(text(type(scene)))
-    console.print(f"{name}: {about}\n" if about else f"{name}\n", markup=False)
-    _print_events(console, scene, shown.trajectory)
-    _print_gradients(console, shown)
-    _print_timings(console, shown)
+def demonstrate(scene: Any, tolerance: float) -> Demonstration:
+    """Run a scene or a system, ready-made or one's own, and differentiate its functional by the jump adjoint, by a
+    naive loop, and by differences.
 
-
-def _unwrapped(text: str) -> str:
-    """Paragraphs without the line ends of the source, which a terminal of another width would wrap a second time."""
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
-
-
-def _events(motion: Trajectory | Solution) -> list[dict[str, Any]]:
-    """What there is to say of each event."""
-    events, n = motion.events, int(motion.events.count)
-    time = np.asarray(events.time[:n]).tolist()
-    if isinstance(events, SolutionEvents):
-        return [dict(time=t, guard=int(guard)) for t, guard in zip(time, events.guard[:n], strict=True)]
-    return [
-        dict(
-            time=time[j], kind=EventKind(int(events.kind[j])).name.lower(), contact=int(events.contact[j]),
-            closing_speed=float(events.closing_speed[j]), impulse=impulse_of(events, j),
+    Raises: SimulationError if the motion does not reach its end; ValueError for a setting that `simulate` refuses, and
+    for a scene with switches of its own.
+    """
+    if has_switches(scene):
+        raise ValueError(
+            "demo compares with a loop that knows impacts alone, but the scene has switches of its own: use "
+            "`hybridsens check`, or `simulate`."
         )
-        for j in range(n)
-    ]  # fmt: skip
+    settings = dict(rtol=tolerance, atol=tolerance)
+    motion = ready_made_motion(scene, move, ts=jnp.linspace(0.0, scene.t1, SAMPLES), **settings)
+    parameters = flatten_parameters(scene)
+    reference, one_sided = _differences(parameters)
+    loop = where_transition if isinstance(scene, AbstractHybridSystem) else where_reset
+    methods = (
+        from_adjoint(Replay(), **settings)._replace(name="jump adjoint"),
+        GradientMethod("naive autodiff", functools.partial(loop, steps=NAIVE_STEPS), "reverse"),
+    )
+    rows = tuple(measure_method(method, parameters, running_cost_functional, reference) for method in methods)
+    return Demonstration(motion, Comparison(parameters.names, reference, rows), one_sided)
 
 
-def _named(scene: Any, motion: Trajectory | Solution, row: dict[str, Any]) -> dict[str, str]:
-    """The name of an event's guard or contact, for those who read."""
-    if isinstance(motion, Solution):
-        return {"guard": motion.events.name(row["guard"])}
-    if row["kind"] == "switch":
-        return {}
-    names = contact_names(scene, motion.events.impulse.shape[-1])
-    return {"contact": names[row["contact"]]}
+def _differences(parameters: FlatParameters) -> tuple[Reference, list[str]]:
+    """J and its gradient by the best of five widths, nan where no motion reaches its end; and in which parameters the
+    other side has none."""
+    J = jax.jit(lambda vector: ready_made_motion(parameters.rebuild(vector), move, throw="nan", **TIGHT).cost)
+    vector = np.asarray(parameters.vector)
+    found = best_finite_differences(J, vector, np.where(vector == 0, 1.0, np.abs(vector)))
+    one_sided = np.array(parameters.names)[found.one_sided].tolist()
+    return Reference(float(J(vector)), found.slopes), one_sided
+
+
+def _report(name: str, about: str, shown: Demonstration) -> Iterator[str]:
+    """Lines of a terminal."""
+    yield _filled(f"{name}: {about}" if about else name) + "\n"
+    yield from _lines_of(shown.motion)
+    yield "\nJ = int running_cost dt and its gradient; the reference is differences of J.\n"
+    yield f"{shown.comparison}\n"
+    if shown.one_sided:
+        names = ", ".join(shown.one_sided)
+        yield wrapped(f"(differences from one side, as there is no motion on the other: {names})", 1)
+    off = ", ".join(f"{row.method} {row.gradient_error:.1e}" for row in shown.comparison.rows)
+    yield f"largest error of the gradient: {off}"
+
+
+def _filled(text: str) -> str:
+    """Paragraphs without the line ends of the source, each filled anew."""
+    return "\n\n".join(wrapped(" ".join(part.split()), 0) for part in text.split("\n\n"))
+
+
+def _lines_of(motion: Trajectory | Solution) -> Iterator[str]:
+    """The text of a motion; where its table of events is too wide, that ends before its last column, the states."""
+    lines = str(motion).splitlines()
+    row = re.compile(r"event | *(\d+|\.\.\.) ")
+    table = [line for line in lines if row.match(line)]
+    end = table[0].rfind("  ") if any(len(line) > TERMINAL for line in table) else None
+    for line in lines:
+        yield line[:end] if line in table else wrapped(line, 4)
 
 
 def _summary(name: str, shown: Demonstration) -> dict[str, Any]:
     """What a program wants to know."""
-    motion = shown.trajectory
-    columns = zip(
-        shown.names, shown.parameters.tolist(), shown.adjoint.tolist(), shown.differences.tolist(),
-        shown.one_sided.tolist(), shown.naive.tolist(), strict=True,
-    )  # fmt: skip
-    keys = ("name", "value", "adjoint", "differences", "one_sided", "naive")
+    motion = shown.motion
     return {
-        "scene": name, "status": motion.status.name, "steps": motion.steps,
-        "events": _events(motion), "J": shown.cost, "J_naive": shown.naive_cost,
-        "gradient": [dict(zip(keys, column, strict=True)) for column in columns], "seconds": shown.timings,
+        "scene": name, "status": motion.status.name, "steps": motion.steps, "events": _events(motion),
+        **shown.comparison._asdict(), "one_sided": shown.one_sided,
     }  # fmt: skip
 
 
-def _print_events(console: Console, scene: Any, motion: Trajectory | Solution) -> None:
-    """The first and the last of them."""
-    rows = [row | _named(scene, motion, row) for row in _events(motion)]
-    accepted, rejected = int(motion.steps.accepted), int(motion.steps.rejected)
-    print(f"status: {motion.status}")
-    print(f"steps: {accepted} accepted, {rejected} rejected; events: {len(rows)}")
-    if rows:
-        table = Table(box=SIMPLE_HEAD)
-        for heading in ("event", *(key.replace("_", " ") for key in rows[0])):
-            table.add_column(heading, justify="right")
-        for j, row in enumerate(rows):
-            if len(rows) <= MOST_ROWS or j < MOST_ROWS // 2 or j >= len(rows) - MOST_ROWS // 2:
-                table.add_row(str(j), *(f"{x:.9g}" if isinstance(x, float) else str(x) for x in row.values()))
-            elif j == MOST_ROWS // 2:
-                table.add_row("...", f"({len(rows) - MOST_ROWS} more)")
-        console.print(table)
-
-
-def _print_gradients(console: Console, shown: Demonstration) -> None:
-    off = relative_error(shown.naive_cost, shown.cost)
-    print(f"J = int running_cost dt = {shown.cost:.10g} (naive loop: {shown.naive_cost:.6g}, off by {off:.1e})")
-    print("dJ/dtheta, with errors relative to the largest entry of the differences:")
-    table = Table(box=SIMPLE_HEAD, padding=0)  # columns are a place apart; names of 23 letters fit in
-    for heading in ("parameter", "jump adjoint", "differences", "error", "naive autodiff", "error"):
-        table.add_column(heading, justify="left" if heading == "parameter" else "right", overflow="fold")
-    errors = [relative_errors(values, shown.differences) for values in (shown.adjoint, shown.naive)]
-    for i, name in enumerate(shown.names):
-        mark = "*" if shown.one_sided[i] else " "
-        table.add_row(
-            name, f"{shown.adjoint[i]:.6g}", f"{shown.differences[i]:.6g}{mark}", f"{errors[0][i]:.0e}",
-            f"{shown.naive[i]:.6g}", f"{errors[1][i]:.0e}",
-        )  # fmt: skip
-    console.print(table)
-    if shown.one_sided.any():
-        print("* from one side: the motion is not defined on the other")
-    print(f"largest error: jump adjoint {errors[0].max():.1e}, naive autodiff {errors[1].max():.1e}\n")
-
-
-def _print_timings(console: Console, shown: Demonstration) -> None:
-    table = Table("program", box=SIMPLE_HEAD)
-    table.add_column("first call", justify="right")
-    table.add_column("one run", justify="right")
-    for name, timing in shown.timings.items():
-        table.add_row(name, f"{timing.first:.2f} s", f"{timing.run * 1e6:.0f} us")
-    console.print(table)
+def _events(motion: Trajectory | Solution) -> list[dict[str, Any]]:
+    """What there is to say of each event."""
+    n = int(motion.events.count)
+    if isinstance(motion, Solution):
+        return [dict(time=motion.events.time[j], guard=motion.events.guard[j]) for j in range(n)]
+    events = motion.events
+    return [
+        dict(
+            time=events.time[j], kind=EventKind(int(events.kind[j])), contact=events.contact[j],
+            closing_speed=events.closing_speed[j], impulse=impulse_of(events, j),
+        )
+        for j in range(n)
+    ]  # fmt: skip
 
 
 def _picture(name: str, scene: Any, shown: Demonstration) -> Figure:
     """The motion to the left, the gradients to the right."""
     figure = Figure(figsize=(12, 5.5), layout="constrained")
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[1.6, 1])[0]
-    if isinstance(shown.trajectory, Solution):
-        draw_solution(shown.trajectory, left)
+    if isinstance(shown.motion, Solution):
+        draw_solution(shown.motion, left)
     else:
-        plot_trajectory(scene, shown.trajectory, list(left.subplots(3, 1, sharex=True, height_ratios=[3, 3, 1])))
-    axes = right.subplots()
-    gradients = {"jump adjoint": shown.adjoint, "differences": shown.differences, "naive autodiff": shown.naive}
-    plot_gradients(axes, shown.names, gradients)
+        plot_trajectory(scene, shown.motion, list(left.subplots(3, 1, sharex=True, height_ratios=[3, 3, 1])))
+    adjoint, naive = shown.comparison.rows
+    gradients = {adjoint.method: adjoint.gradient, "differences": shown.comparison.reference.gradient,
+                 naive.method: naive.gradient}  # fmt: skip
+    known = {method: slopes for method, slopes in gradients.items() if slopes is not None}
+    plot_gradients(right.subplots(), list(shown.comparison.parameters), known)
     left.suptitle(f"{name}: motion", fontsize="medium")
     right.suptitle("gradient of J", fontsize="medium")
     return figure

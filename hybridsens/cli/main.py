@@ -16,15 +16,13 @@ import typer
 from ..configure import configure
 from ..outcome import SimulationError
 from ..validation.spelling import did_you_mean
-from .check import check
-from .compare import compare
 from .demo import demo
 from .fit import fit
+from .gradients import check, compare, work_precision
 from .help_texts import SHORT, epilog
 from .models import FILE
 from .scenes import scenes
 from .sweep import sweep
-from .work_precision import work_precision
 
 MISTAKE = 2
 """Exit status where what was asked for cannot be."""

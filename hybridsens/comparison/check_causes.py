@@ -11,11 +11,11 @@ from ..mechanics.events import Events
 from ..mechanics.scene import AbstractScene
 from ..mechanics.smoothness import REMEDIES
 from ..status import Status
-from .check_doubts import KINK, ONE_SIDED, UNDECIDED, Cause, Doubts, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck
 from .check_finite import without_derivative
 from .check_grazing import grazes
 from .check_motions import Call
+from .check_report import KINK, ONE_SIDED, UNDECIDED, Cause, Doubts, ParameterCheck
 
 NEAR = 1e-6
 """An event this part of the horizon away from a time asked for happens at that time."""

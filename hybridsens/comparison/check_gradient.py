@@ -17,10 +17,9 @@ from ..validation.arguments import real_tolerance
 from ..waiting import waiting
 from .check_causes import find_causes
 from .check_default import at_default
-from .check_doubts import KINK, UNDECIDED, ParameterCheck
 from .check_events import check_events
 from .check_motions import largest_state, on_sequence, value_with_calls
-from .check_report import GradientCheck
+from .check_report import KINK, UNDECIDED, GradientCheck, ParameterCheck
 from .check_sides import kink_at, kinked, one_sided, other_side
 from .differentiate import QUICKLY, best_finite_differences, rounding_of_slopes, slopes_nearby
 from .functional import Cost, all_reached_end, choose_cost, raise_unless_reached_end

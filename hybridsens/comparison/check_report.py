@@ -1,4 +1,4 @@
-"""The outcome of a gradient check, and how it reads."""
+"""The outcome of a gradient check: what is found of each parameter, what is in doubt and why, and how it reads."""
 
 import re
 from collections.abc import Sequence
@@ -6,9 +6,14 @@ from typing import NamedTuple
 
 from ..export.text import name_and_numbers, preformatted, wrapped
 from .check_default import AtDefault
-from .check_doubts import Cause, ParameterCheck
 from .check_events import OTHER_EVENTS, EventCheck
 
+UNDECIDED = "not decided"
+"""How a verdict begins that no test could make."""
+ONE_SIDED = "one-sided"
+"""How that of a derivative begins that holds on one side alone."""
+KINK = f"{ONE_SIDED}: J has a kink here"
+"""How it begins where the same events happen on both sides."""
 MOST_ROWS, FIRST_ROWS, FIRST_NAMES = 40, 20, 8
 """Of more parameters than that so many have a row, and of more names so many are told."""
 MOST_LETTERS = 10
@@ -19,6 +24,49 @@ _ALL_ZERO = (
     "rows it reads."
 )
 _NUMBERED = "0:2 is event 2 of motion 0 of the cost, both counted from 0."
+
+
+class ParameterCheck(NamedTuple):
+    """One entry of the gradient by three methods."""
+
+    parameter: str
+    adjoint: float
+    forward: float
+    differences: float
+    """With the sequence of events kept; nan where it changes within the smallest differences tried."""
+    uncertainty: float
+    """How far the differences of two widths are apart."""
+    reference: float
+    """By another solver, with the derivative resolved much better; nan where that takes too many steps."""
+    verdict: str
+    """Empty where all agree; begins with `UNDECIDED` where that cannot be told, with `ONE_SIDED` where it holds on one
+    side alone."""
+
+
+class Cause(NamedTuple):
+    """One likely cause of a doubt."""
+
+    kind: str
+    """"no derivative", "step control", "motion", "discontinuity", "grazing", "simultaneous impacts",
+    "event at a data time", "event at a jump time", "jump time at an end", "changed sequence", "kink", "other events",
+    "undecided" or "unexplained"."""
+    parameters: tuple[str, ...]
+    """In which parameters it is to be looked for."""
+    events: tuple[str, ...]
+    """And in which events, by their labels in the report."""
+    reason: str
+    remedy: str
+
+
+class Doubts(NamedTuple):
+    """What is in doubt."""
+
+    parameters: tuple[str, ...]
+    events: tuple[EventCheck, ...]
+
+    def cause(self, kind: str, reason: str, remedy: str, events: Sequence[EventCheck] = ()) -> Cause:
+        """A cause that may lie behind every parameter, and behind the given ones of the events."""
+        return Cause(kind, self.parameters, tuple(entry.label for entry in events), reason, remedy)
 
 
 class GradientCheck(NamedTuple):

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .check_doubts import KINK, ONE_SIDED
 from .check_motions import Call, on_sequence, same_sequence
+from .check_report import KINK, ONE_SIDED
 from .differentiate import best_finite_differences
 
 STEP = 1e-9

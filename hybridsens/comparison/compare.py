@@ -1,6 +1,6 @@
 """Gradient methods side by side on one scene: what each gives, and what each costs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
 
 import diffrax
@@ -37,7 +37,7 @@ from .gradient_methods import (
     naive_methods_of_systems,
     our_methods,
 )
-from .timing import first_call, planned_memory, reason, seconds_per_call
+from .measure import first_call, measured, planned_memory, reason, relative_error, seconds_per_call
 
 
 def compare(
@@ -147,35 +147,11 @@ def _measure(method: GradientMethod, parameters: FlatParameters, cost: Cost, ref
     forward = jax.jit(lambda vector: function(vector)[0])
     gradient = value_and_gradient(function, method.mode, all_reached_end)
     vector = parameters.vector
-    (value, slopes), compile_gradient = first_gradient(lambda: gradient(vector))
+    found = measured(lambda: gradient(vector), reference)
     _, compile_forward = first_call(lambda: forward(vector))
     memory = planned_memory(forward if method.mode == "differences" else gradient, vector)
     return Row(
-        method.name, value, slopes, relative_error(value, reference.value), relative_error(slopes, reference.gradient),
-        seconds_per_call(lambda: forward(vector)), seconds_per_call(lambda: gradient(vector)),
-        compile_gradient + compile_forward, np.nan if memory is None else float(memory),
+        method.name, found.value, found.gradient, found.value_error, found.gradient_error,
+        seconds_per_call(lambda: forward(vector)), found.seconds, found.first_seconds + compile_forward,
+        np.nan if memory is None else float(memory),
     )  # fmt: skip
-
-
-def first_gradient(call: Callable) -> tuple[tuple[float, np.ndarray], float]:
-    """Value and gradient by the first call of a program, and how long it took [s].
-
-    Raises: SimulationError for a motion that is not whole; FloatingPointError for what has no error that could be
-    told."""
-    (value, gradient, reported), seconds = first_call(call)
-    raise_unless_reached_end(reported)
-    value, gradient = float(value), np.asarray(gradient, float)
-    if not (np.isfinite(value) and np.all(np.isfinite(gradient))):
-        raise FloatingPointError(f"not finite: value {value:g}, gradient {gradient}")
-    return (value, gradient), seconds
-
-
-def relative_errors(found, known) -> np.ndarray:
-    """Deviations, relative to the largest known entry; absolute where all of them are zero."""
-    scale = np.max(np.abs(known))
-    return np.asarray(np.abs(found - known) / (scale if scale > 0 else 1))
-
-
-def relative_error(found, known) -> float:
-    """The largest of the `relative_errors`."""
-    return float(np.max(relative_errors(found, known)))

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..export.names import split_unit
 from ..export.text import array_text, preformatted
-from .cells import as_numbers, rows_told
-from .times import increasing_events, increasing_samples
+from .columns import as_numbers, increasing_events, increasing_samples, rows_told
 
 
 class Measurements(eqx.Module):

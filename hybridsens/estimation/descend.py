@@ -75,7 +75,7 @@ def failure(trial: Trial) -> str:
 class History:
     """Remembers the history of one run, and the best point of its present stage."""
 
-    def __init__(self, z, callbacks: Callbacks, horizon: str = ""):
+    def __init__(self, z, callbacks: Callbacks, horizon: str):
         self.callbacks, self.horizon = callbacks, horizon
         self.z, self.loss, self.lines = z, float("inf"), []
         self.stage, self.number, self.idle = "", 0, 0

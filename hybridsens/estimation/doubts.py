@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from ..system import AbstractHybridSystem
-from .cells import rows_told
+from .columns import rows_told
 from .descend import UNFINISHED
 
 _BARELY = 0.9

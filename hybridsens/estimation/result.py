@@ -15,13 +15,12 @@ from ..numerics.sample_times import at_times
 from ..parameters import replace
 from ..solution import Solution
 from ..system import AbstractHybridSystem
-from .band import Band, band
 from .data import Measurements
 from .descend import INTERRUPTED, EventSequence, Iteration
 from .plot import plot_fit
 from .report import remarks, report
 from .starts import Starts
-from .uncertainty import Uncertainty, half_width, neighbour_correlation, weak_directions
+from .uncertainty import Band, Uncertainty, band, half_width, neighbour_correlation, weak_directions
 
 
 class FitResult(eqx.Module):

@@ -8,11 +8,9 @@ import numpy as np
 
 from ..export.names import split_unit
 from ..validation.spelling import did_you_mean
-from .cells import as_numbers
+from .columns import IN_BRACKETS, SEVERAL, TIMES, as_numbers, check_unit_of_times, time_column, without_unit
 from .csv_file import check_different, read_csv
 from .data import Measurements, check_values, measurements
-from .time_column import IN_BRACKETS, TIMES, check_unit_of_times, time_column, without_unit
-from .times import SEVERAL
 
 _SIGMA = "sigma_"
 

@@ -12,13 +12,18 @@ from .text import Numbers, array_text
 
 
 def named_leaves(name: str, tree: Any) -> dict[str, np.ndarray]:
-    """Name -> array, with the place in the tree behind the name: cost, cost.work, cost.forces.0.
+    """Name -> array; see `leaves_by_name`."""
+    return {label: np.asarray(leaf) for label, leaf in leaves_by_name(name, tree).items()}
+
+
+def leaves_by_name(name: str, tree: Any) -> dict[str, Any]:
+    """Name -> leaf as it is, with the place in the tree behind the name: cost, cost.work, cost.forces.0.
 
     Raises: ValueError where two leaves would have one name, as {"a": {"b": ...}, "a.b": ...}."""
     leaves = jax.tree_util.tree_leaves_with_path({name: tree})
     names = [jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves]
     must_differ(names, "Leaves of a state, a mode or a cost", "the system")
-    return {name: np.asarray(leaf) for name, (_, leaf) in zip(names, leaves, strict=True)}
+    return dict(zip(names, (leaf for _, leaf in leaves), strict=True))
 
 
 def variables(name: str, tree: Any, *leading: str, like: str = "") -> dict[str, tuple[tuple[str, ...], np.ndarray]]:

@@ -1,7 +1,4 @@
-"""Pictures of a motion: gaps, velocities and contacts over time, single coordinates, paths in the phase plane."""
-
-import operator
-from typing import SupportsIndex
+"""Pictures of a motion: gaps, velocities and contacts over time, single coordinates."""
 
 import equinox as eqx
 import jax
@@ -15,7 +12,7 @@ from ..mechanics.contact import Instant, gap_and_rate
 from ..mechanics.mode import EventKind
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
-from .figure import COLOURS, legend_above, line, must_be_sampled, new_figure, one_panel
+from .figure import COLOURS, legend_above, line, must_be_sampled, new_figure
 from .held import closed_contacts
 
 MOST = 16
@@ -174,55 +171,3 @@ def plot_coordinates(scene: AbstractScene, trajectory: Trajectory) -> Figure:
     for axes in rows[-1]:
         axes.set_xlabel("time [s]")
     return figure
-
-
-def plot_phase(
-    scene: AbstractScene, trajectory: Trajectory, coordinate: SupportsIndex | str = 0, axes: Axes | None = None
-) -> Figure:
-    """A coordinate's velocity against the coordinate. Impacts are jumps between two triangles; the start is a circle,
-    the end a square.
-
-    Arguments: the scene; its trajectory with samples; the coordinate, by its number or its name, with or without
-    its unit; axes to draw in, or None for a new figure.
-    Returns: the figure. Raises: ValueError without samples, for a batch, or for a coordinate that there is not;
-    TypeError for axes that are none.
-    """
-    must_be_sampled(trajectory)
-    names, rates = coordinate_names(scene, trajectory.final.q.shape[0])
-    number = coordinate_number(coordinate, names)
-    axes = one_panel(axes)
-    _, q, v, _ = with_events(trajectory)
-    q, v = np.asarray(q[:, number]), np.asarray(v[:, number])
-    axes.plot(q, v, color=COLOURS[0], linewidth=1.2)
-    _draw_jumps(axes, trajectory, number)
-    axes.plot(q[:1], v[:1], "o", markerfacecolor="white", color=COLOURS[0], label="start")
-    axes.plot(q[-1:], v[-1:], "s", markersize=4, color=COLOURS[0], label="end")
-    axes.locator_params(axis="x", nbins=6)  # long numbers of a narrow range lie on one another
-    axes.set_xlabel(names[number])
-    axes.set_ylabel(rates[number])
-    legend_above(axes, columnspacing=1, handletextpad=0.2)
-    return axes.get_figure(root=True)  # type: ignore[return-value]
-
-
-def _draw_jumps(axes: Axes, trajectory: Trajectory, number: int) -> None:
-    """Triangles at both ends of every impact."""
-    n = int(trajectory.events.count)
-    impacts = np.isin(np.asarray(trajectory.events.kind[:n]), (EventKind.IMPACT, EventKind.CAPTURE))
-    before, after = trajectory.events.before, trajectory.events.after
-    for state, marker, label in ((before, "v", "before an impact"), (after, "^", "after it")):
-        q, v = (np.asarray(x[:n, number])[impacts] for x in (state.q, state.v))
-        if q.size:
-            axes.plot(q, v, marker, color=COLOURS[1], markersize=4, linestyle="none", label=label)
-
-
-def coordinate_number(coordinate: SupportsIndex | str, names: list[str]) -> int:
-    """The number of a coordinate, by that or by its name, with or without its unit. Raises: ValueError for none."""
-    if isinstance(coordinate, str):
-        for known in (names, [split_unit(name)[0] for name in names]):
-            if coordinate in known:
-                return known.index(coordinate)
-        raise ValueError(f"`coordinate` must be one of {', '.join(names)}, but is {coordinate}.")
-    number = operator.index(coordinate)
-    if not 0 <= number < len(names):
-        raise ValueError(f"`coordinate` must be one of 0 to {len(names) - 1}, but is {coordinate}.")
-    return number

@@ -1,6 +1,8 @@
-"""The path of a motion over two of its coordinates, as of a body in the plane."""
+"""Paths of a motion: over two of its coordinates, as of a body in the plane, or in the phase plane of one."""
 
-from typing import SupportsIndex
+import operator
+from collections.abc import Sequence
+from typing import Any, SupportsIndex
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +13,7 @@ from ..mechanics.mode import EventKind
 from ..mechanics.scene import AbstractScene
 from ..mechanics.trajectory import Trajectory
 from .figure import COLOURS, legend_above, must_be_sampled, one_panel
-from .motion import coordinate_number, with_events
+from .motion import with_events
 
 
 def plot_path(
@@ -31,20 +33,69 @@ def plot_path(
     """
     must_be_sampled(trajectory)
     names, _ = coordinate_names(scene, trajectory.final.q.shape[0])
-    across, up = (coordinate_number(coordinate, names) for coordinate in (x, y))
+    across, up = (_coordinate_number(coordinate, names) for coordinate in (x, y))
     axes = one_panel(axes)
-    _, q, *_ = with_events(trajectory)
-    struck = np.isin(np.asarray(trajectory.events.kind), (EventKind.IMPACT, EventKind.CAPTURE))
-    at = np.asarray(trajectory.events.before.q)[struck]
-    q = np.asarray(q)
-    axes.plot(q[:, across], q[:, up], color=COLOURS[0], linewidth=1.2)
-    if at.size:
-        axes.plot(at[:, across], at[:, up], "v", color=COLOURS[1], markersize=5, label="impact")
-    axes.plot(q[:1, across], q[:1, up], "o", markerfacecolor="white", color=COLOURS[0], label="start")
-    axes.plot(q[-1:, across], q[-1:, up], "s", markersize=4, color=COLOURS[0], label="end")
     if split_unit(names[across])[1] == split_unit(names[up])[1]:
         axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(names[across])
     axes.set_ylabel(names[up])
+    _, q, *_ = with_events(trajectory)
+    places = lambda q: (q[:, across], q[:, up])
+    return _draw(axes, places(q), [(*places(trajectory.events.before.q[_struck(trajectory)]), "v", "impact")])
+
+
+def plot_phase(
+    scene: AbstractScene, trajectory: Trajectory, coordinate: SupportsIndex | str = 0, axes: Axes | None = None
+) -> Figure:
+    """A coordinate's velocity against the coordinate. Impacts are jumps between two triangles; the start is a circle,
+    the end a square.
+
+    Arguments: the scene; its trajectory with samples; the coordinate, by its number or its name, with or without
+    its unit; axes to draw in, or None for a new figure.
+    Returns: the figure. Raises: ValueError without samples, for a batch, or for a coordinate that there is not;
+    TypeError for axes that are none.
+    """
+    must_be_sampled(trajectory)
+    names, rates = coordinate_names(scene, trajectory.final.q.shape[0])
+    number = _coordinate_number(coordinate, names)
+    axes = one_panel(axes)
+    axes.locator_params(axis="x", nbins=6)  # long numbers of a narrow range lie on one another
+    axes.set_xlabel(names[number])
+    axes.set_ylabel(rates[number])
+    _, q, v, _ = with_events(trajectory)
+    struck, events = _struck(trajectory), trajectory.events
+    places = lambda q, v: (q[:, number], v[:, number])
+    sides = ((events.before, "v", "before an impact"), (events.after, "^", "after it"))
+    jumps = [(*places(side.q[struck], side.v[struck]), marker, label) for side, marker, label in sides]
+    return _draw(axes, places(q, v), jumps)
+
+
+def _draw(axes: Axes, path: tuple, impacts: Sequence[tuple[Any, Any, str, str]]) -> Figure:
+    """The path from its start to its end, with the impacts on it: places across and up, marker, label."""
+    x, y = map(np.asarray, path)
+    axes.plot(x, y, color=COLOURS[0], linewidth=1.2)
+    for across, up, marker, label in impacts:
+        if across.size:
+            axes.plot(across, up, marker, color=COLOURS[1], markersize=5, label=label)
+    axes.plot(x[:1], y[:1], "o", markerfacecolor="white", color=COLOURS[0], label="start")
+    axes.plot(x[-1:], y[-1:], "s", markersize=4, color=COLOURS[0], label="end")
     legend_above(axes, columnspacing=1, handletextpad=0.2)
     return axes.get_figure(root=True)  # type: ignore[return-value]
+
+
+def _struck(trajectory: Trajectory) -> np.ndarray:
+    """Which events are impacts."""
+    return np.isin(np.asarray(trajectory.events.kind), (EventKind.IMPACT, EventKind.CAPTURE))
+
+
+def _coordinate_number(coordinate: SupportsIndex | str, names: list[str]) -> int:
+    """The number of a coordinate, by that or by its name, with or without its unit. Raises: ValueError for none."""
+    if isinstance(coordinate, str):
+        for known in (names, [split_unit(name)[0] for name in names]):
+            if coordinate in known:
+                return known.index(coordinate)
+        raise ValueError(f"`coordinate` must be one of {', '.join(names)}, but is {coordinate}.")
+    number = operator.index(coordinate)
+    if not 0 <= number < len(names):
+        raise ValueError(f"`coordinate` must be one of 0 to {len(names) - 1}, but is {coordinate}.")
+    return number

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..export.trees import leaves_by_name
 from ..mechanics.events import Events
 from ..mechanics.mode import EventKind
 from ..mechanics.trajectory import Trajectory
@@ -96,9 +97,7 @@ def _samples(motion: Trajectory | Solution) -> dict[str, Any]:
     """The times asked for and the states there: q and v, or the leaves of x by their names."""
     if isinstance(motion, Trajectory):
         return {"sample_time": motion.ts, "q": motion.q, "v": motion.v}
-    leaves = jax.tree_util.tree_leaves_with_path({"x": motion.x})
-    states = {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
-    return {"sample_time": motion.ts} | states
+    return {"sample_time": motion.ts} | leaves_by_name("x", motion.x)
 
 
 def _event_summary(motion: Trajectory | Solution, kept: int) -> dict[str, Any]:

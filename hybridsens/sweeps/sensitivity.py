@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 ROUNDINGS = 100
 """Results that differ by no more roundings of their size are the same."""
+RESAMPLES = 500
+"""Draws of the bootstrap."""
 
 
 def sobol_indices(dataset: "xr.Dataset", value: str = "J", confidence: float = 0.95) -> "xr.Dataset":
@@ -157,11 +159,11 @@ def _estimates(rows: np.ndarray) -> np.ndarray:
     return np.array([first, total])
 
 
-def _resampled(rows: np.ndarray, resamples: int = 500) -> np.ndarray:
+def _resampled(rows: np.ndarray) -> np.ndarray:
     """Estimates from rows drawn with replacement (the bootstrap), always the same draws."""
     rng = np.random.default_rng(0)
     count = rows.shape[1]
-    return np.array([_estimates(rows[:, rng.integers(count, size=count)]) for _ in range(resamples)])
+    return np.array([_estimates(rows[:, rng.integers(count, size=count)]) for _ in range(RESAMPLES)])
 
 
 def _complete(rows):

@@ -10,27 +10,29 @@ import threading
 import time
 from importlib import import_module
 
+import jax.numpy as jnp
 import pytest
 
 from hybridsens.cli import main
 from hybridsens.cli.main import run
+from hybridsens.comparison.functional import move, ready_made_motion
 from hybridsens.scenes import SCENES
 from hybridsens.systems import SYSTEMS
 from tests.problems.stop_record import RECORD
 
 demo = import_module("hybridsens.cli.demo")
 FIT = ["fit", "elastic-stop", "--parameters", "mass", "--skip-missing", "--data", str(RECORD)]
-STUDIES = ("estimation.fit", "sweeps.sweep", "cli.compare.run", "cli.work_precision.run")
+STUDIES = ("estimation.fit", "sweeps.sweep", "cli.gradients.run_compare", "cli.gradients.run_work_precision")
 PLAIN = """
-import hybridsens as hs, jax.numpy as jnp
+import hybridsens as hs, jax, jax.numpy as jnp
 
 print("imported")
 
 class Plain(hs.AbstractScene):
-    d: float = 0.6
+    d: jax.Array = 0.6
     t1 = 1.0
     contacts = ("fence",)
-    def initial_state(self): return hs.State([0.0], [0.0])
+    def initial_state(self): return hs.State([0.0], [2.0])
     def running_cost(self, t, q, v): return q @ q
     def mass_matrix(self, q): return jnp.eye(1)
     def force(self, t, q, v): return -q
@@ -60,12 +62,15 @@ def test_demo_shows_a_right_gradient_beside_a_wrong_one(shown, monkeypatch, tmp_
     assert "restitution_coefficient " in printed  # whole
     assert run(["demo", "--output", "motion.svg", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    stiffness = next(entry for entry in found["gradient"] if entry["name"] == "stiffness")
-    (row,) = re.findall(r"stiffness +(\S+) +(\S+)", printed)
-    assert [float(number) for number in row] == pytest.approx([stiffness["adjoint"], stiffness["differences"]], 1e-5)
+    place = found["parameters"].index("stiffness")
+    slopes = [entry["gradient"][place] for entry in (found["reference"], *found["rows"])]
+    (row,) = re.findall(r"stiffness +(\S+) +(\S+) +(\S+)", printed)
+    assert [float(number) for number in row] == pytest.approx(slopes, 1e-8)
+    assert [entry["method"] for entry in found["rows"]] == ["jump adjoint", "naive autodiff"]
+    assert found["one_sided"] == ["restitution_coefficient"] and "restitution_coefficient)\n" in printed
     assert found["status"] == "successful" and [event["kind"] for event in found["events"]] == 5 * ["impact"]
     assert "<svg" in (tmp_path / "motion.svg").read_text()
-    (errors,) = re.findall(r"largest error: jump adjoint (\S+), naive autodiff (\S+)", printed)
+    (errors,) = re.findall(r"largest error of the gradient: jump adjoint (\S+), naive autodiff (\S+)", printed)
     assert float(errors[0]) < 1e-7
     assert float(errors[1]) > 1
     assert len(re.findall(r"^ +\d+ +\S+ +impact", printed, re.MULTILINE)) == 5
@@ -77,7 +82,11 @@ def test_demo_draws_the_motion_of_a_scene_of_ones_own(shown, monkeypatch, tmp_pa
     one; that it is not described by the signature that Python puts in the place of a text; and that its contact has
     its name in the list of events."""
     (tmp_path / "own.py").write_text(PLAIN)
-    monkeypatch.setattr(demo, "demonstrate", lambda scene, tolerance: shown)
+
+    def moved(scene, tolerance):
+        return shown._replace(motion=ready_made_motion(scene, move, ts=jnp.linspace(0.0, scene.t1, 20)))
+
+    monkeypatch.setattr(demo, "demonstrate", moved)
     monkeypatch.chdir(tmp_path)
     assert run(["demo", "own.py:Plain", "--output", "own.svg"]) == 0
     printed = capsys.readouterr().out
@@ -93,14 +102,14 @@ def test_demo_shows_a_hybrid_system(tmp_path, capsys):
     picture = tmp_path / "motion.png"
     assert run(["demo", "thermostat", "--output", str(picture)]) == 0
     printed = capsys.readouterr().out
-    (errors,) = re.findall(r"largest error: jump adjoint (\S+), naive autodiff (\S+)", printed)
+    (errors,) = re.findall(r"largest error of the gradient: jump adjoint (\S+), naive autodiff (\S+)", printed)
     assert float(errors[0]) < 1e-6 < 0.1 < float(errors[1])
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_demo_wraps_what_a_class_says_once():
     """Paragraphs stay, the line ends of the source go."""
-    assert demo._unwrapped("One\nline.\n\nAnother\n  one.") == "One line.\n\nAnother one."
+    assert demo._filled("One\nline.\n\nAnother\n  one.") == "One line.\n\nAnother one."
 
 
 def test_scenes_lists_every_scene_with_a_line(capsys):

@@ -150,8 +150,8 @@ def test_what_a_design_does_not_take_is_refused(arguments, message, capsys):
 
 def test_the_command_removes_no_file_but_the_points_of_a_study_before(tmp_path, monkeypatch, capsys):
     """Data beside the picture stay, of the same name or of that of the points."""
-    module = importlib.import_module("hybridsens.cli.work_precision")
-    monkeypatch.setattr(module, "run", lambda *scene, **rest: hs.WorkPrecision(()))
+    module = importlib.import_module("hybridsens.cli.gradients")
+    monkeypatch.setattr(module, "run_work_precision", lambda *scene, **rest: hs.WorkPrecision(()))
     data, points = tmp_path / "data.csv", tmp_path / "data-points.csv"
     asked = ["work-precision", "elastic-stop", "--output", str(tmp_path / "data.png")]
     write_points(points, (), Reference(1.0, np.ones(1)), {})
@@ -206,7 +206,7 @@ def test_what_is_wrong_in_a_file_is_one_line(force, told, tmp_path, capsys, unch
 
 def test_what_a_library_finds_wrong_keeps_its_lines(monkeypatch):
     """A TypeError from beyond this package, to which no line of the user's file led, is not cut."""
-    module = importlib.import_module("hybridsens.cli.check")
+    module = importlib.import_module("hybridsens.cli.gradients")
     monkeypatch.setattr(module, "check_gradient", lambda scene, **settings: None + 1)
     with pytest.raises(TypeError, match="unsupported operand"):
         run(["check", "bouncing-ball"])

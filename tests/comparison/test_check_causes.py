@@ -11,11 +11,11 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.comparison.check_causes import find_causes
-from hybridsens.comparison.check_doubts import ParameterCheck
 from hybridsens.comparison.check_events import OTHER_EVENTS, EventCheck
 from hybridsens.comparison.check_gradient import check_gradient
 from hybridsens.comparison.check_grazing import grazes
 from hybridsens.comparison.check_motions import Call, value_with_calls
+from hybridsens.comparison.check_report import ParameterCheck
 from hybridsens.parameters import flatten_parameters
 from hybridsens.scenes import BouncingBall, ElasticStop
 from hybridsens.scenes.shipped import parameter

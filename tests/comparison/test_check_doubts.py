@@ -8,7 +8,7 @@ import pytest
 
 import hybridsens as hs
 from hybridsens.comparison.check_causes import find_causes
-from hybridsens.comparison.check_doubts import ParameterCheck
+from hybridsens.comparison.check_report import ParameterCheck
 
 check_gradient_module = importlib.import_module("hybridsens.comparison.check_gradient")
 ROOM = dict(max_events=8, max_steps=1024)

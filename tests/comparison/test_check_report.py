@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import hybridsens as hs
-from hybridsens.comparison.check_doubts import Cause, ParameterCheck
-from hybridsens.comparison.check_report import GradientCheck
+from hybridsens.comparison.check_report import Cause, GradientCheck, ParameterCheck
 from hybridsens.parameters import flatten_parameters
 
 

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from hybridsens.comparison.timing import LONGEST, reason
+from hybridsens.comparison.measure import LONGEST, reason
 
 
 def test_an_error_of_python_is_told_by_its_type_and_first_line():

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from hybridsens.comparison.check_doubts import Cause, ParameterCheck
 from hybridsens.comparison.check_events import EventCheck
-from hybridsens.comparison.check_report import GradientCheck
+from hybridsens.comparison.check_report import Cause, GradientCheck, ParameterCheck
 from hybridsens.comparison.compare_table import Comparison, Reference, Row
 from hybridsens.comparison.work_precision_points import Point, WorkPrecision
 from hybridsens.mechanics.mode import EventKind

@@ -12,8 +12,8 @@ import hybridsens as hs
 from hybridsens.cli.main import run
 from hybridsens.comparison.compare import Reference
 from hybridsens.comparison.functional import CallReport
-from hybridsens.comparison.work_precision import Point, WorkPrecision, work_precision
-from hybridsens.comparison.work_precision_plot import plot_work_precision
+from hybridsens.comparison.measure import Measured, measured
+from hybridsens.comparison.work_precision import Point, WorkPrecision, plot_work_precision, work_precision
 from hybridsens.comparison.work_precision_points import read_points, write_points
 from hybridsens.scenes import ElasticStop
 from tests.problems.references import RECORDS
@@ -103,7 +103,7 @@ def test_a_gradient_that_is_nan_is_a_failure(reference):
     """Its motion is whole, so nothing else tells of it."""
     reached = CallReport((), (), ())
     with pytest.raises(FloatingPointError, match="not finite"):
-        work_precision_module._measure(lambda: (1.0, np.array([np.nan]), reached), reference)
+        measured(lambda: (1.0, np.array([np.nan]), reached), reference)
 
 
 class Meter:
@@ -116,7 +116,8 @@ class Meter:
         if self.count == self.stops_at:
             raise KeyboardInterrupt
         self.count += 1
-        return 1e-7, float("nan") if self.count == 2 else 1 / 3, 0.1 * self.count, 0.5
+        error = float("nan") if self.count == 2 else 1 / 3
+        return Measured(1.0, np.ones(1), 1e-7, error, 0.1 * self.count, 0.5)
 
 
 def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path, reference, monkeypatch):
@@ -124,11 +125,11 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path, reference, monk
     path = tmp_path / "points.csv"
     asked = dict(tolerances=(1e-4, 1e-5), solvers=[diffrax.Tsit5()], dtypes=("float64", "float32"))
     asked |= dict(methods=(hs.Replay(), hs.ContinuousCostate(rtol=1e-10)), reference=reference, store=path)
-    monkeypatch.setattr(work_precision_module, "_measure", first := Meter(stops_at=3))
+    monkeypatch.setattr(work_precision_module, "measured", first := Meter(stops_at=3))
     begun = work_precision(scene(), **asked, **ROOM, progress=False)
     assert begun.interrupted and len(begun.points) == first.count == 3
     assert _same(read_points(path, reference, ROOM), begun.points)
-    monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
+    monkeypatch.setattr(work_precision_module, "measured", second := Meter())
     whole = work_precision(scene(), **asked, **ROOM, progress=False)
     assert second.count == 5 and not whole.interrupted and _same(whole.points[:3], begun.points)
     assert len({point[:4] for point in whole.points}) == 8
@@ -146,11 +147,11 @@ def test_the_command_writes_points_and_goes_on_with_them(tmp_path, reference, mo
     picture, points = tmp_path / "picture.png", tmp_path / "kept.csv"
     asked = ["work-precision", "elastic-stop", "--no-single", "--solver", "Tsit5", "--method", "ContinuousCostate"]
     asked += ["--output", str(picture), "--store", str(points), "--target", "0.5"]
-    monkeypatch.setattr(work_precision_module, "_measure", first := Meter())
+    monkeypatch.setattr(work_precision_module, "measured", first := Meter())
     assert run(asked) == 0 and first.count == 11
     printed = capsys.readouterr().out
     assert "for gradient error 5e-01 on this scene: Tsit5, rtol 1e-03, ContinuousCostate: 100 ms" in printed
-    monkeypatch.setattr(work_precision_module, "_measure", second := Meter())
+    monkeypatch.setattr(work_precision_module, "measured", second := Meter())
     assert run(asked) == 0 and second.count == 0
     assert capsys.readouterr().out == printed and picture.read_bytes().startswith(b"\x89PNG")
     assert run(["work-precision", "--method", "Guessing"]) != 0
@@ -206,7 +207,7 @@ def test_float32_is_float32_and_restores_double_precision(reference):
 
 def test_tolerances_that_a_precision_cannot_meet_are_left_out(reference, monkeypatch):
     """Assert that float32 has points down to 1.9e-6, float64 has all, and that a line says so."""
-    monkeypatch.setattr(work_precision_module, "_measure", Meter())
+    monkeypatch.setattr(work_precision_module, "measured", Meter())
     asked = dict(tolerances=(1e-5, 1e-6, 1e-13), dtypes=("float64", "float32"), solvers=[diffrax.Tsit5()])
     study = work_precision(scene(), **asked, methods=(hs.Replay(),), reference=reference, progress=False)
     assert [point.tolerance for point in study.points] == [1e-5, 1e-6, 1e-13, 1e-5]

@@ -4,8 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hybridsens.estimation.band import band
-from hybridsens.estimation.uncertainty import Uncertainty
+from hybridsens.estimation.uncertainty import Uncertainty, band
 
 NONE = np.full((3, 3), np.nan)
 

@@ -1,10 +1,17 @@
-"""What a row of a table tells of a program: how long it runs and compiles, in how much memory, or why it failed."""
+"""What a row of a table tells of a program: the errors of its value and gradient, how long it runs and compiles, in how
+much memory, or why it failed."""
 
 import re
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
+import numpy as np
+from jaxtyping import Float
+
+from .compare_table import Reference
+from .functional import raise_unless_reached_end
 
 SHORTEST = 0.01
 """Seconds: calls are timed together until they take as long."""
@@ -32,6 +39,40 @@ def first_call(call: Callable):
     start = time.perf_counter()
     result = jax.block_until_ready(call())
     return result, time.perf_counter() - start
+
+
+class Measured(NamedTuple):
+    """What a program of a value and its gradient gives."""
+
+    value: float
+    gradient: Float[np.ndarray, "parameter"]
+    value_error: float
+    gradient_error: float
+    """Relative to the reference."""
+    seconds: float
+    """Of one call [s]."""
+    first_seconds: float
+    """Of the first one [s]."""
+
+
+def measured(call: Callable, reference: Reference) -> Measured:
+    """The program that `call` runs, beside a reference.
+
+    Raises: SimulationError for a motion that is not whole; FloatingPointError for what has no error that could be
+    told."""
+    (value, gradient, reported), seconds = first_call(call)
+    raise_unless_reached_end(reported)
+    value, gradient = float(value), np.asarray(gradient, float)
+    if not (np.isfinite(value) and np.all(np.isfinite(gradient))):
+        raise FloatingPointError(f"not finite: value {value:g}, gradient {gradient}")
+    errors = relative_error(value, reference.value), relative_error(gradient, reference.gradient)
+    return Measured(value, gradient, *errors, seconds_per_call(call), seconds)
+
+
+def relative_error(found, known) -> float:
+    """The largest deviation, relative to the largest known entry; absolute where all of them are zero."""
+    scale = np.max(np.abs(known))
+    return float(np.max(np.abs(found - known) / (scale if scale > 0 else 1)))
 
 
 def planned_memory(function, *arguments) -> int | None:
