@@ -18,9 +18,7 @@ MEETING = 2
 
 
 IN_TURN = 100
-"""A contact that was struck less than so many times what counts as closed ago, at its present rate, strikes in turn."""
-NOT_SLOW = 1
-"""It does so while its rate is more than so many times the speed that is captured."""
+"""A contact strikes in turn that has come, since it was struck, no farther than so many times what counts as closed."""
 
 
 class EventState(NamedTuple):
@@ -67,7 +65,7 @@ def look_at_event(
     below_rounding = rate_below_rounding(accelerations, t, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
     at_event = EventState(geometry, gap, rate, accelerations, triggered, meeting, closed, impacting, below_rounding)
-    struck = None if mode.struck is None else jnp.where(impacting, t, mode.struck)
+    struck = None if mode.struck is None else mode.struck.again(impacting, t)
     return at_event, dataclasses.replace(mode, fastest=fastest, struck=struck)
 
 
@@ -78,10 +76,9 @@ def _in_turn(triggered, near, rate, t, capture_speed, mode: ContactMode) -> Bool
     Contacts that met at their last impact too, as the feet of a plate, meet again; and slow ones settle together."""
     if mode.struck is None:
         return jnp.zeros_like(triggered)
-    of_triggered = jnp.max(jnp.where(triggered, mode.struck, -jnp.inf))
-    alone = (mode.struck != of_triggered) | (mode.struck == t)
-    just_before = (t - mode.struck) * jnp.abs(rate) <= IN_TURN * near
-    fast = jnp.abs(rate) > NOT_SLOW * capture_speed * mode.fastest
+    alone = mode.struck.number != jnp.max(jnp.where(triggered, mode.struck.number, 0))
+    just_before = (t - mode.struck.time) * jnp.abs(rate) <= IN_TURN * near
+    fast = jnp.abs(rate) > capture_speed * mode.fastest
     return ~triggered & ~mode.active & alone & just_before & fast
 
 

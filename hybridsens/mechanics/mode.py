@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.tolerances import closeness, rounding
 from ..watch import Watch
@@ -37,6 +37,20 @@ class EventKind(enum.IntEnum):
     """One of the scene's own switches fell through zero."""
 
 
+class Struck(NamedTuple):
+    """The impact that a contact took part in last."""
+
+    time: Float[Array, "contact"]
+    """When [s]; -inf before the first."""
+    number: Int[Array, "contact"]
+    """Its number, from 1 on, which contacts that met share; 0 before the first."""
+
+    def again(self, impacting: Bool[Array, "contact"], t) -> "Struck":
+        """The same after the impact of these contacts."""
+        number = jnp.where(impacting, jnp.max(self.number) + 1, self.number)
+        return Struck(jnp.where(impacting, t, self.time), number)
+
+
 class ContactMode(eqx.Module):
     """Mode of a scene. Nothing here is ever differentiated."""
 
@@ -56,8 +70,8 @@ class ContactMode(eqx.Module):
     """Largest |G|^T |v| or |Phi'| met so far: what rounding in the gap rate is relative to, also at rest [m/s]."""
     wall: Float[Array, "contact"] | None
     """Largest |Phi_t| met so far: how fast the gap moves by the clock alone [m/s]; None where no gap does."""
-    struck: Float[Array, "contact"] | None
-    """When the contact took part in an impact last, -inf before the first; None of a single contact [s]."""
+    struck: Struck | None
+    """The impact that the contact took part in last; None of a single contact."""
 
     @property
     def held(self) -> Bool[Array, "contact"]:
@@ -76,7 +90,7 @@ class ContactMode(eqx.Module):
 def open_mode(contacts: int, dtype, walls_move: bool = False) -> ContactMode:
     """Every contact open, nothing remembered: what a motion starts from before its initial mode is chosen."""
     zero = jnp.zeros(contacts, dtype)
-    struck = jnp.full(contacts, -jnp.inf, dtype) if contacts > 1 else None
+    struck = Struck(jnp.full(contacts, -jnp.inf, dtype), jnp.zeros(contacts, int)) if contacts > 1 else None
     return ContactMode(jnp.zeros(contacts, bool), zero, zero, zero, zero, zero, zero if walls_move else None, struck)
 
 
