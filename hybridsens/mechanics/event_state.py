@@ -15,10 +15,10 @@ from .scene import AbstractScene
 
 MEETING = 2
 """How far the location of an event may have been relaxed (see `time_resolution`) for contacts to count as meeting."""
-
-
 IN_TURN = 100
 """A contact strikes in turn that has come, since it was struck, no farther than so many times what counts as closed."""
+NOT_SLOW = 10
+"""It does so while its rate is more than so many times the speed that is captured: slow feet clatter together."""
 
 
 class EventState(NamedTuple):
@@ -78,7 +78,7 @@ def _in_turn(triggered, near, rate, t, capture_speed, mode: ContactMode) -> Bool
         return jnp.zeros_like(triggered)
     alone = mode.struck.number != jnp.max(jnp.where(triggered, mode.struck.number, 0))
     just_before = (t - mode.struck.time) * jnp.abs(rate) <= IN_TURN * near
-    fast = jnp.abs(rate) > capture_speed * mode.fastest
+    fast = jnp.abs(rate) > NOT_SLOW * capture_speed * mode.fastest
     return ~triggered & ~mode.active & alone & just_before & fast
 
 

@@ -30,7 +30,7 @@ class Events(eqx.Module):
     """States just after, (event, dof)."""
     impulse: Float[Array, "*event contact"]
     """Impulses of all contacts that took part [N s]; zero at a release and at a switch. Where several contacts settle
-    together at the end of a cascade, single ones may be negative, by 1e-5 of the largest of the cascade."""
+    together at the end of a cascade, single ones may be negative, by 5e-5 of the largest of the cascade."""
     closing_speed: Float[Array, "*event"]
     """-Phi' of the contact just before: how far from grazing (0) an impact was; 0 at other events [m/s]."""
     order_matters: Bool[Array, "*event"]

@@ -3,6 +3,7 @@
 JAX keeps a compiled program by what it is given, and a global is not given. So the functions of a scene or a system,
 which every call traces anew, name the program that is made of them: another trace is another program."""
 
+import enum
 import hashlib
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -55,8 +56,10 @@ def _tell(tell: Callable[[bytes], Any], part: Any) -> None:
         tell(str(part.aval).encode())
     elif isinstance(part, np.ndarray | np.generic | jax.Array):
         tell(array_bytes(part))
-    elif part is None or isinstance(part, bool | int | float | complex | str):
+    elif part is None or isinstance(part, bool | int | float | complex | str | enum.Enum | np.dtype):
         tell(repr(part).encode())
+    elif isinstance(part, dict):
+        _tell(tell, list(part.items()))
     else:
         tell(type(part).__name__.encode())
 

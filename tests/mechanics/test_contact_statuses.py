@@ -69,7 +69,7 @@ SHOWN = [
 
 @pytest.mark.parametrize(("e", "height", "given", "message"), SHOWN)
 def test_the_values_that_a_motion_failed_by_are_shown(e, height, given, message):
-    """Which contact, which time, and how far off; where values cannot be seen, the sentence alone."""
+    """Which contact, which time, and how far off; while a derivative is taken too, but not where all is compiled."""
     given = dict(t1=2.0, max_events=8) | given
     ts = jnp.array(given.pop("ts")) if "ts" in given else None
     run = lambda e: hs.simulate(Between(e), hs.State([height], [0.0]), ts=ts, **given).final.q[0]
@@ -79,7 +79,7 @@ def test_the_values_that_a_motion_failed_by_are_shown(e, height, given, message)
         return
     with pytest.raises(hs.SimulationError) as caught:
         jax.grad(run)(jnp.array(e))
-    assert "last events" not in str(caught.value)
+    assert "last events" in str(caught.value)
 
 
 @pytest.mark.parametrize(
