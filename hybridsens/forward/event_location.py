@@ -59,7 +59,7 @@ class LocatorState(eqx.Module):
     grazed: Float[Array, ""]
     """End of the last step in which a guard was missed by less than can be told from an event; -inf for none."""
     guard_jumped: Bool[Array, ""]
-    """Whether the guard that the last step ended on has guard_jumped below zero, without falling."""
+    """Whether the guard that the last step ended on has jumped below zero, without falling."""
     finite: Bool[Array, ""]
     """Whether the last candidate was finite."""
     crawled: Int[Array, ""]

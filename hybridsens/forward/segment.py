@@ -29,7 +29,7 @@ class SegmentEnd(eqx.Module):
     time: Float[Array, ""]
     """When: where the motion stands, or the declared time itself."""
     guard_jumped: Bool[Array, ""]
-    """Whether the guard has guard_jumped below zero, without falling."""
+    """Whether the guard has jumped below zero, without falling."""
 
 
 def solve_segment(system: AbstractFlatSystem, stepper: Stepper, t1, motion: Motion) -> tuple[Motion, SegmentEnd]:
