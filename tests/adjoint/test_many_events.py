@@ -13,7 +13,8 @@ W, MANY = 3.0, 60
 
 class SwitchedRelay(hs.AbstractHybridSystem):
     """x goes to K, or to -K, until it has come to e on that side, at a pace that changes with time. It is watched where
-    it falls through 0; that it has risen again is an event too, a silent one."""
+    it falls through 0; that it has risen again is an event too, a silent one. At the parameters below the pace is even,
+    but the Hessian by it asks for the time in the flow."""
 
     pace: jax.Array
     goal: jax.Array
@@ -55,7 +56,7 @@ def motion(p, tolerance, adjoint, **asked):
     return hs.solve(system, 0.0, jnp.array(1), **asked, **settings)
 
 
-P = jnp.array([0.3, 1.0, 0.2])
+P = jnp.array([0.0, 1.0, 0.2])
 LAST = float(switch(P, MANY))
 NEXT = float(switch(P, MANY + 1))
 PLACES = LAST + jnp.array([0.2, 0.5, 0.9]) * (NEXT - LAST)
@@ -85,7 +86,8 @@ WAYS = {
 @pytest.mark.parametrize("asked", ASKED)
 def test_a_hessian_is_right_after_many_switches(asked, way):
     """The steps of a segment move with the event that it begins with. Where they stood still, the first of them would
-    be shortened by as much as that event moves: after 60 switches the Hessian of a time was off by 1e-5."""
+    be shortened by as much as that event moves: after 60 switches the Hessian of a time was off by 2e-5, and that of
+    states by 1e-7."""
     (found, exact), (twice, adjoint) = ASKED[asked], WAYS[way]
     hessian = jax.jit(twice(lambda p: found(p, 1e-8, adjoint)))(P)
-    assert_close(hessian, jax.hessian(exact)(P), 2e-7)
+    assert_close(hessian, jax.hessian(exact)(P), 5e-8)

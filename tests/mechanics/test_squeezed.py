@@ -67,8 +67,8 @@ def fallen(light, heavy, e, end, tolerance=1e-8):
     "light, heavy, e", [(0.05, 1.0, 0.3), (0.05, 1.0, 0.5), (0.1, 1.0, 0.3), (0.2, 1.0, 0.2), (1.0, 1.0, 0.1)]
 )
 def test_two_that_come_together_rest_with_what_is_between_them(light, heavy, e):
-    """In truth by 89 to 911 impacts. Those below 1e-11 m were taken for simultaneous ones, and the heavy block was
-    thrown up with a tenth of its speed, in silence."""
+    """In truth by 89 to 911 impacts. Those less than some 1e-11 m apart were taken for simultaneous ones: in the first
+    case the heavy block was thrown up at 0.4 m/s, in silence."""
     assert np.all(impact_by_impact(light, heavy, e, 0.32) == 0)
     motion = fallen(light, heavy, e, 0.32)
     assert motion.status == hs.Status.successful
