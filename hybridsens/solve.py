@@ -80,7 +80,7 @@ def solve(
     - `until`: `until(system, event)`, a boolean: the motion ends with the first event for which it is True, or at t1.
       `event` is one row of `.events`, whose `count` is how many events there have been with it. `.final`, `.cost` and
       `.end_time` are then those of that event and move with it in derivatives; samples at later times are nan.
-    - `solver`: any Diffrax solver with an error estimate; `diffrax.Tsit5()` by default.
+    - `solver`: any Diffrax solver of one term with an error estimate (KenCarp's have two); default `diffrax.Tsit5()`.
     - `rtol`, `atol`: tolerances of the error control per step. Other values do not compile anew.
     - `max_events`, `max_steps`: room for events, and for steps tried; the record takes memory for both.
     - `max_step`: longest step. Dips of a guard inside a step are searched for by bounds, however short; only a guard

@@ -42,11 +42,13 @@ class Status(eqx.Module):
     )
     max_steps_reached = outcome(
         "the motion needed more steps than `max_steps`. Raise `max_steps`, loosen `rtol` and `atol`, lengthen "
-        "`max_step` if it is given, or, if the flow is stiff, use an implicit solver unless it is one already."
+        "`max_step` if it is given, or, if the flow is stiff, use an implicit solver unless it is one already. Where "
+        "the clock is late (1e9 s is known to 1e-7 s), measure time from a nearer zero."
     )
     step_size_underflow = outcome(
         "the step size fell below the resolution of time. The flow may be stiff or singular near the last time "
-        "reached; `rtol` and `atol` may be too tight for the floating point type."
+        "reached (one that runs away, as a neuron's spike, wants an event that ends it sooner); `rtol` and `atol` may "
+        "be too tight for the floating point type."
     )
     non_finite = outcome(
         "a state, its flow, a guard or its rate, or a known time is not finite. Look at these and at the running "
@@ -61,7 +63,8 @@ class Status(eqx.Module):
     grazing = outcome(
         "the motion reached its end, but touched or missed an event so narrowly that the tolerances cannot tell "
         "which. Values are right to the order of its speed; derivatives are not (at grazing they do not exist). "
-        "Tighten `rtol` and `atol`, leave this parameter value out, or accept it with `throw=False`."
+        "Tighten `rtol` and `atol` (`atol` must be small beside the states, in their units), leave this parameter "
+        "value out, or accept it with `throw=False`."
     )
     guard_jumps = outcome(
         "the motion reached its end, but an event came where its guard jumps below zero. Values are right; derivatives "

@@ -60,7 +60,9 @@ def drain(tank, **settings):
     ("tank", "words"),
     [
         (PulsedTank, ("`flow`", "jnp.where of t", "jump_ts", "known_discontinuities")),
-        (OverflowingTank, ("`flow`", "jnp.minimum of x", "write a guard that falls there")),
+        pytest.param(
+            OverflowingTank, ("`flow`", "jnp.minimum of x", "write a guard that falls there"), marks=pytest.mark.slow
+        ),
         (CountedTank, ("`guards`", "jnp.floor of x", "jnp.minimum of x", "one guard for each")),
         (ComparingTank, ("`guards`", "jnp.where of x", "what is compared", "located_discontinuities")),
     ],

@@ -50,7 +50,11 @@ DERIVATIVES = {
 """Names of ways to differentiate -> that."""
 
 
-@pytest.mark.parametrize("way", [way for way in DERIVATIVES if "compiled" not in way])
+QUICK = ("reverse", "through a batch", "forward of a batch", "reverse by any mode", "second")
+SLOW = ("of a batch", "forward", "forward by any mode")
+
+
+@pytest.mark.parametrize("way", [*QUICK, *(pytest.param(way, marks=pytest.mark.slow) for way in SLOW)])
 def test_it_is_raised(way):
     with pytest.raises(hs.SimulationError, match=r"^The derivative of the motion is not finished: .*`max_steps`"):
         DERIVATIVES[way](place)(jnp.array(0.0))
@@ -63,7 +67,7 @@ def test_a_compiled_program_raises_it(way):
         jax.block_until_ready(jax.jit(DERIVATIVES[way](place))(jnp.array(0.0)))
 
 
-@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("way", ["reverse", "forward"])
 def test_a_second_derivative_alone_is_raised(way, compiled):
     """Of the square of the last place, whose first derivative at 0 is 0 and takes no steps."""

@@ -79,7 +79,7 @@ def test_a_simulation_error_is_raised_wherever_the_outcome_is_seen(call):
     assert str(caught.value).startswith(SENTENCE)
 
 
-@pytest.mark.parametrize("jit", [jax.jit, eqx.filter_jit])
+@pytest.mark.parametrize("jit", [jax.jit, pytest.param(eqx.filter_jit, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("transform", [lambda f: f, jax.vmap, jax.grad], ids=["value", "vmap", "grad"])
 def test_a_compiled_program_says_it_in_the_last_line(jit, transform, capfd):
     """XLA's own words come first, from JAX 0.11 on with every call on the way; the sentence is the last line, and

@@ -14,7 +14,8 @@ from tests.problems.switched_scenes import Relay
 
 DROPPED = hs.State(jnp.array([1.0]), jnp.array([0.0]))
 TIGHT = dict(rtol=1e-11, atol=1e-11, max_events=8, max_steps=256)
-METHODS = [hs.Replay(), hs.ForwardSensitivities(), hs.AnyMode(), hs.Replay(recompute=True)]
+REPLAY, FORWARD, ANY = hs.Replay(), hs.ForwardSensitivities(), hs.AnyMode()
+LATER = [pytest.param(adjoint, marks=pytest.mark.slow) for adjoint in (FORWARD, hs.Replay(recompute=True))]
 third = lambda model, event: event.count == 3
 
 
@@ -35,7 +36,7 @@ def end_of_third(p):
     return jnp.stack([fall * (1 + 2 * e + 2 * e**2), e**3 * speed, 2 * weight / 3 * fall * path])
 
 
-@pytest.mark.parametrize("adjoint", METHODS, ids=["replay", "forward", "any", "recompute"])
+@pytest.mark.parametrize("adjoint", [REPLAY, ANY, *LATER])
 def test_a_scene_ends_with_its_third_impact(adjoint):
     """The state at the end moves with the event: that of the moment would miss the speed times the time's own shift."""
     p = jnp.array([9.81, 0.8])
@@ -103,7 +104,7 @@ def test_a_batch_ends_one_by_one():
     assert (steps < 60).all()  # some 8 a flight
 
 
-@pytest.mark.parametrize("adjoint", METHODS[:2], ids=["replay", "forward"])
+@pytest.mark.parametrize("adjoint", [REPLAY, FORWARD])
 def test_a_system_ends_by_its_mode(adjoint):
     """x = cos(w t) falls through 0 at w t = pi/2 + 2 pi k; its integral of x^2 up to there is half of that time."""
     w = jnp.array(1.7)
@@ -161,7 +162,7 @@ class Ticked(hs.AbstractHybridSystem):
         return 10 * x, mode
 
 
-@pytest.mark.parametrize("adjoint", METHODS[:2], ids=["replay", "forward"])
+@pytest.mark.parametrize("adjoint", [REPLAY, LATER[0]])
 def test_it_may_end_at_t1_and_at_t0(adjoint):
     """Then it has ended with the event all the same: with (at, 10 (at - t0))."""
 

@@ -82,8 +82,11 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("asked", ASKED)
+FIRST = [("time", "over reverse"), ("states", "over forward")]
+LATER = [pytest.param(*slow, marks=pytest.mark.slow) for slow in (("time", "over forward"), ("states", "over reverse"))]
+
+
+@pytest.mark.parametrize("asked, way", [*FIRST, *LATER])
 def test_a_hessian_is_right_after_many_switches(asked, way):
     """The steps of a segment move with the event that it begins with. Where they stood still, the first of them would
     be shortened by as much as that event moves: after 60 switches the Hessian of a time was off by 2e-5, and that of

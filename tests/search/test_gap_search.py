@@ -105,7 +105,10 @@ def meeting(w, h):
         return float(t), np.array([float(-by_w / rate), float(-by_h / rate)])
 
 
-@pytest.mark.parametrize("width, top", [(1e-1, 2.0), (1e-3, 2.0), (1e-3, 0.23), (1e-6, 0.23), (1e-9, 2.0)])
+@pytest.mark.parametrize(
+    "width, top",
+    [pytest.param(1e-1, 2.0, marks=pytest.mark.slow), (1e-3, 2.0), (1e-3, 0.23), (1e-6, 0.23), (1e-9, 2.0)],
+)
 def test_a_post_of_any_width_is_met_in_free_flight(width, top):
     """At the right time, with the right slopes by the post's width and height; the bead passes the origin at 0.224."""
     motion, slope = fly_to_post(jnp.array([width, top]))

@@ -84,7 +84,7 @@ def test_a_root_in_reverse_mode(adjoint):
         jax.grad(weight_to_fall)(jnp.array(0.9), adjoint)
 
 
-@pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd])
+@pytest.mark.parametrize("derivative", [jax.grad, pytest.param(jax.jacfwd, marks=pytest.mark.slow)])
 def test_a_root_in_any_mode(derivative):
     """The way that the words name."""
     assert abs(derivative(weight_to_fall)(jnp.array(0.9), hs.AnyMode()) + 200) < 1e-6

@@ -53,7 +53,12 @@ def _changed(monkeypatch, name, value):
 
 
 @pytest.mark.parametrize(
-    "change", [("GRAVITY", 4.0), ("FACTORS", {"weight": 4 / 9.81}), ("TABLE", jnp.array([4 / 9.81]))]
+    "change",
+    [
+        ("GRAVITY", 4.0),
+        ("FACTORS", {"weight": 4 / 9.81}),
+        pytest.param(("TABLE", jnp.array([4 / 9.81])), marks=pytest.mark.slow),
+    ],
 )
 def test_a_scene_that_reads_a_global_is_compiled_by_it(change, monkeypatch):
     """Assert height and slope by the initial height in closed form, before, after, and under a derivative."""

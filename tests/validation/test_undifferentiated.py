@@ -43,7 +43,10 @@ def test_what_an_event_writes_into_the_mode_and_would_need_a_derivative_is_named
         eqx.filter_eval_shape(run, Relay(1.0, 2.0, written))
 
 
-@pytest.mark.parametrize("written", ["constant", "count", "sign", "chosen", "stopped"])
+ALSO_SLOW = [pytest.param(way, marks=pytest.mark.slow) for way in ("count", "chosen")]
+
+
+@pytest.mark.parametrize("written", ["constant", "sign", "stopped", *ALSO_SLOW])
 def test_what_has_no_derivative_to_lose_is_not_told(written):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
