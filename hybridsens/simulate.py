@@ -101,7 +101,8 @@ def simulate(
       only one made by an operation without known bounds (a table, a loop, a special function) is sampled instead, at
       16 places of a step or more, and a warning says so: for such a one give the time that its shortest dip lasts.
     - `capture_speed`: a rebound slower than this, relative to the fastest impact of its contact, ends a cascade of
-      impacts: the contact stays closed. The error of cutting at speed w is O(w^3). Default: eps^(1/3), 6e-6 in float64.
+      impacts: the contact stays closed. The error of cutting at speed w is O(w^3), of a cascade over several
+      contacts O(w). Default: eps^(1/3), 6e-6 in float64.
     - `adjoint`: `Replay()` (default) or another gradient method: `Replay(recompute=True)` for memory,
       `ForwardSensitivities()` for forward mode, `ContinuousCostate()` and `DiffraxAdjoint()` to compare.
     - `throw`: raise unless the motion is successful: also where it reaches t1 but its derivatives are not to be trusted

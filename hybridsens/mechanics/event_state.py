@@ -15,10 +15,10 @@ from .scene import AbstractScene
 
 MEETING = 2
 """How far the location of an event may have been relaxed (see `time_resolution`) for contacts to count as meeting."""
-IN_TURN = 100
-"""A contact strikes in turn that has come, since it was struck, no farther than so many times what counts as closed."""
-NOT_SLOW = 10
-"""It does so while its rate is more than so many times the speed that is captured: slow feet clatter together."""
+JUST_BEFORE = 1e-3
+"""A contact was struck just before if it has come since, at its fastest, no farther than this part of its length. A
+plastic one opens by its acceleration alone: in sqrt(closeness), 6e-6, of its time it is no farther than what counts as
+closed."""
 
 
 class EventState(NamedTuple):
@@ -40,6 +40,10 @@ class EventState(NamedTuple):
     """Those of them that the law of impact is asked about: none at a release, at the start or at a flow jump."""
     below_rounding: Float[Array, "contact"]
     """Rebounds slower than this hop lower than the rounding of the gap."""
+    just_struck: Bool[Array, "contact"]
+    """Contacts that were struck just before too; none where there is one contact."""
+    in_turn: Bool[Array, "contact"]
+    """Contacts that are as near, but do not meet: they strike in turn with the triggered one."""
 
 
 def look_at_event(
@@ -56,7 +60,9 @@ def look_at_event(
     triggered = jnp.arange(gap.shape[0]) == event
     is_release = jnp.any(triggered & mode.active)
     near = tolerance + time_resolution(t, MEETING) * jnp.abs(rate)
-    meeting = (gap <= near) & ~_in_turn(triggered, near, rate, t, limits.capture_speed, mode)
+    just_struck = _just_struck(mode, t)
+    in_turn = (gap <= near) & _in_turn(triggered, just_struck, rate, limits.capture_speed, mode)
+    meeting = (gap <= near) & ~in_turn
     joined = _joined(geometry, triggered, meeting, mode.active)  # others have an event of their own
     held = mode.active | ((mode.margin > 0) & (gap <= 2 * mode.margin))
     closed = jnp.where(is_release, held & ~triggered, held | joined)
@@ -64,22 +70,30 @@ def look_at_event(
     impacting = closed & ~is_release & ~chosen_anew
     below_rounding = rate_below_rounding(accelerations, t, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
-    at_event = EventState(geometry, gap, rate, accelerations, triggered, meeting, closed, impacting, below_rounding)
+    at_event = EventState(
+        geometry, gap, rate, accelerations, triggered, meeting, closed, impacting, below_rounding, just_struck, in_turn
+    )
     struck = None if mode.struck is None else mode.struck.again(impacting, t)
     return at_event, dataclasses.replace(mode, fastest=fastest, struck=struck)
 
 
-def _in_turn(triggered, near, rate, t, capture_speed, mode: ContactMode) -> Bool[Array, "contact"]:
+def _just_struck(mode: ContactMode, t) -> Bool[Array, "contact"]:
+    if mode.struck is None:
+        return jnp.zeros_like(mode.active)
+    return (t - mode.struck.time) * mode.speed <= JUST_BEFORE * mode.length
+
+
+def _in_turn(triggered, just_struck, rate, capture_speed, mode: ContactMode) -> Bool[Array, "contact"]:
     """Contacts that strike in turn with the triggered one, ever faster, as a light body does between two that come
     together: one was struck alone, just before. They are near without meeting, and have an event of their own.
 
-    Contacts that met at their last impact too, as the feet of a plate, meet again; and slow ones settle together."""
+    Contacts that met at their last impact too, as the feet of a plate, meet again; and once both are slow they settle
+    together. While one is fast they must not: an impact that is not captured would throw the other off."""
     if mode.struck is None:
         return jnp.zeros_like(triggered)
     alone = mode.struck.number != jnp.max(jnp.where(triggered, mode.struck.number, 0))
-    just_before = (t - mode.struck.time) * jnp.abs(rate) <= IN_TURN * near
-    fast = jnp.abs(rate) > NOT_SLOW * capture_speed * mode.fastest
-    return ~triggered & ~mode.active & alone & just_before & fast
+    fast = jnp.abs(rate) > capture_speed * mode.fastest
+    return ~triggered & ~mode.active & alone & just_struck & (fast | jnp.any(fast & triggered))
 
 
 def rate_below_rounding(gap_acceleration, t, mode: ContactMode):

@@ -63,7 +63,9 @@ def apply_laws(scene: AbstractScene, capture_speed, at_event: EventState, now: I
     """
     impacting, no_contact = at_event.impacting, jnp.zeros_like(at_event.impacting)
     cut = capture_speed * mode.fastest
-    slow = impacting & (scene.restitution() * jnp.abs(at_event.rate) <= jnp.maximum(cut, at_event.below_rounding))
+    rebound = scene.restitution() * jnp.abs(at_event.rate)
+    too_slow = (rebound <= cut) & ~jnp.any(at_event.in_turn)  # a cascade of several contacts ends for all at once
+    slow = impacting & (too_slow | (rebound <= at_event.below_rounding))
     laws = _Laws(scene, at_event, now, mode, slow, cut)
 
     def take_turn(carry):
@@ -153,7 +155,8 @@ class _Laws(NamedTuple):
         return lax.cond(turn == Turn.AHEAD, ahead, at_once)
 
     def _plastic(self, turn, last: Impact, selection: Selection) -> Bool[Array, "contact"]:
-        return jnp.where(turn == Turn.SLOW_PLASTIC, self.slow & selection.active, last.plastic)
+        ends = selection.active | self.at_event.just_struck
+        return jnp.where(turn == Turn.SLOW_PLASTIC, self.slow & ends, last.plastic)
 
     def _least_speed(self):
         """Rates up to this one count as none."""
