@@ -89,6 +89,7 @@ class SmoothTank(Tank):
         return super().flow(t, x, mode) - 0.1 * jnp.sinc(x) - 0.1 * jnp.hypot(x, 1.0)
 
 
+@pytest.mark.slow
 def test_a_function_of_ones_own_is_not_taken_for_that_of_jax():
     """Whatever it is called: a jump passed without a word, and was not located."""
     with pytest.warns(hs.DiscontinuityWarning, match="jnp.where of x"):
@@ -114,6 +115,7 @@ def test_modes_parameters_transitions_and_declared_times_break_nothing(tank, set
         drain(tank, running_cost=lambda tank, t, x, mode: jnp.abs(x - 0.5), **settings)
 
 
+@pytest.mark.slow
 def test_a_flow_may_close_over_what_is_differentiated():
     """While it is looked at, too: x(1) = x0 exp(-rate)."""
 

@@ -77,6 +77,7 @@ def test_a_second_derivative_alone_is_raised(way, compiled):
         jax.block_until_ready((jax.jit(second) if compiled else second)(jnp.array(0.0)))
 
 
+@pytest.mark.slow
 def test_times_at_which_it_is_looked_at_need_no_steps():
     """By t1 and by the times of samples the derivative is the flow there, which is 0 at rest."""
     sampled = lambda ts: place(jnp.array(0.0), t1=1000.0, ts=ts, sampled=True)

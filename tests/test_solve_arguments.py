@@ -180,6 +180,7 @@ def test_a_solver_around_another_serves(inner):
     assert_close(jax.value_and_grad(final)(9.81), (1 - 9.81 * 0.045, -0.045), 1e-9)
 
 
+@pytest.mark.slow
 def test_jump_times_that_are_known_may_be_given_while_a_program_is_compiled():
     """They are numbers, though what JAX computes of them there is traced."""
     known = jnp.array([0.25, 0.5])

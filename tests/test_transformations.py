@@ -142,6 +142,7 @@ def test_a_gradient_through_a_condition_in_a_batch():
     assert_close(gradients, jnp.stack([gradient(P), jnp.array([1.0, 0.0, 0.0])]), 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "hessian",
     [

@@ -51,6 +51,7 @@ def test_the_gradient_comes_in_the_type_of_the_leaf(leaf, expected):
     assert_close(gradient.astype(float), expected, 2 * float(jnp.finfo(leaf).eps))
 
 
+@pytest.mark.slow
 def test_forward_mode_takes_leaves_of_another_type(expected):
     """The tangents come in the type of the state."""
     motion = lambda p: final(Ball(p), jnp.float64, adjoint=hs.ForwardSensitivities())

@@ -20,11 +20,8 @@ third = lambda model, event: event.count == 3
 
 
 def dropped(p, adjoint=None, until=third, **settings):
-    ball = RestlessBall(p[0], p[1])
-    return hs.simulate(
-        ball, DROPPED, t1=9.0, until=until, running_cost=lambda scene, t, q, v: v @ v, adjoint=adjoint,
-        **{**TIGHT, **settings},
-    )  # fmt: skip
+    ball, cost, how = RestlessBall(p[0], p[1]), lambda scene, t, q, v: v @ v, {**TIGHT, **settings}
+    return hs.simulate(ball, DROPPED, t1=9.0, until=until, running_cost=cost, adjoint=adjoint, **how)
 
 
 def end_of_third(p):
@@ -50,6 +47,7 @@ def test_a_scene_ends_with_its_third_impact(adjoint):
     assert_close(jacobian, jax.jacfwd(end_of_third)(p), 1e-9)
 
 
+@pytest.mark.slow
 def test_second_derivatives_and_the_beginning():
     p = jnp.array([9.81, 0.8])
     found = jax.jit(jax.hessian(lambda p: dropped(p).end_time))(p)
@@ -206,6 +204,7 @@ def test_a_comparison_ends_a_motion_too():
     assert_close(motion.end_time, np.array(1.5), 1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_asked_of_a_motion_afterwards():
     ball = RestlessBall(9.81, 0.8)
     motion = hs.simulate(ball, DROPPED, t1=9.0, ts=jnp.array([0.0, 1.0]), until=third, **TIGHT)

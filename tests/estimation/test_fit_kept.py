@@ -49,6 +49,7 @@ def test_more_starts_than_before_begin_around_what_was_kept(tmp_path):
 TINY = optax.sgd(1e-16)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("optimizer", [TINY, optax.sgd(optax.linear_schedule(0.0, 1e-3, 4))], ids=["tiny", "warm-up"])
 def test_steps_that_a_schedule_makes_small_are_no_minimum(optimizer):
     """Assert that the first one, which was called converged at the guess, is not, and that the report says which are

@@ -134,6 +134,7 @@ def test_a_curved_surface_is_left_to_the_right_side(x0, mode):
     assert_close(rough.final, tight.final, 1e-5)
 
 
+@pytest.mark.slow
 def test_a_scene_leaves_it_as_the_system_does():
     k, x0 = jnp.array(1.1), jnp.array([0.4, -0.328])
     system = controlled(k, x0, 0, 1e-9)
@@ -145,6 +146,7 @@ def test_a_scene_leaves_it_as_the_system_does():
     assert_close(scene.final.q, system.final[:1], 1e-8)
 
 
+@pytest.mark.slow
 def test_a_jump_time_just_behind_does_not_throw_it_back():
     """While the guard is still below zero by what rounding made, a jump time has not put it there."""
     k, x0 = jnp.linspace(0.9, 1.3, 21), jnp.array([0.4, -0.328])

@@ -123,6 +123,7 @@ def test_arrays_of_numpy_become_those_of_jax():
     assert float(hs.solve(system, 0.0, t1=0.5).final) == pytest.approx(2 + np.exp(-0.25), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_arrays_of_numpy_are_parameters():
     """Also outside of jax.jit, as what `jax.device_get` gives."""
     scene, tank = jax.tree.map(np.asarray, (Ball(10), Tank(1)))

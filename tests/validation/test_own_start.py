@@ -97,6 +97,7 @@ def test_a_mode_that_was_forgotten_is_asked_for():
         hs.simulate(BRAKED, BRAKED.initial_state(), t1=1.0)
 
 
+@pytest.mark.slow
 def test_a_running_cost_may_leave_the_mode_out():
     """As that of every ready-made scene does: |q|^2."""
     found = ready_made_motion(BRAKED, move).cost
