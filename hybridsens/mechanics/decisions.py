@@ -105,9 +105,9 @@ def _decide(scene: AbstractScene, limits: Limits, event, now: Instant, mode: Con
     guard = at_event.gap[event] + mode.margin[event]
     jumped = met & has_jumped(guard, at_event.rate[event], mode.gap_tolerance(now.t)[event], now.t)
     status = Status.where(jumped, ContactStatus.gap_not_smooth, Status.running)
-    # At the end of a cascade impacts are as slow as that, and do not matter.
-    ends_cascade = at_event.just_struck[event]
-    grazing = met & ~ends_cascade & _is_grazing(at_event.rate[event], at_event.gap_acceleration[event], deepest)
+    # At the end of a cascade over several contacts impacts are as slow as that, and do not matter.
+    in_cascade = at_event.in_cascade[event]
+    grazing = met & ~in_cascade & _is_grazing(at_event.rate[event], at_event.gap_acceleration[event], deepest)
     if not scene.sustained_contact:
         return _bounce(scene, at_event, now, mode, grazing, status)
     impact = apply_laws(scene, limits.capture_speed, at_event, now, mode)

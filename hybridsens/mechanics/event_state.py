@@ -42,6 +42,8 @@ class EventState(NamedTuple):
     """Rebounds slower than this hop lower than the rounding of the gap."""
     just_struck: Bool[Array, "contact"]
     """Contacts that were struck just before too; none where there is one contact."""
+    in_cascade: Bool[Array, "contact"]
+    """Those of them since whose last impact another one was struck."""
     in_turn: Bool[Array, "contact"]
     """Contacts that are as near, but do not meet: they strike in turn with the triggered one."""
 
@@ -61,6 +63,7 @@ def look_at_event(
     is_release = jnp.any(triggered & mode.active)
     near = tolerance + time_resolution(t, MEETING) * jnp.abs(rate)
     just_struck = _just_struck(mode, t)
+    in_cascade = just_struck if mode.struck is None else just_struck & mode.struck.before_another
     in_turn = (gap <= near) & _in_turn(triggered, just_struck, rate, limits.capture_speed, mode)
     meeting = (gap <= near) & ~in_turn
     joined = _joined(geometry, triggered, meeting, mode.active)  # others have an event of their own
@@ -71,8 +74,9 @@ def look_at_event(
     below_rounding = rate_below_rounding(accelerations, t, mode)
     fastest = jnp.where(impacting, jnp.maximum(mode.fastest, -rate), mode.fastest)
     at_event = EventState(
-        geometry, gap, rate, accelerations, triggered, meeting, closed, impacting, below_rounding, just_struck, in_turn
-    )
+        geometry, gap, rate, accelerations, triggered, meeting, closed, impacting, below_rounding, just_struck,
+        in_cascade, in_turn,
+    )  # fmt: skip
     struck = None if mode.struck is None else mode.struck.again(impacting, t)
     return at_event, dataclasses.replace(mode, fastest=fastest, struck=struck)
 

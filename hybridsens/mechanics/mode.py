@@ -45,6 +45,11 @@ class Struck(NamedTuple):
     number: Int[Array, "contact"]
     """Its number, from 1 on, which contacts that met share; 0 before the first."""
 
+    @property
+    def before_another(self) -> Bool[Array, "contact"]:
+        """Contacts since whose last impact another one was struck."""
+        return self.number < jnp.max(self.number)
+
     def again(self, impacting: Bool[Array, "contact"], t) -> "Struck":
         """The same after the impact of these contacts."""
         number = jnp.where(impacting, jnp.max(self.number) + 1, self.number)
