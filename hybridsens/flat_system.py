@@ -71,16 +71,19 @@ class Searched(NamedTuple):
     """Where a guard falls through zero; inf where none does before `reached`."""
     reached: Float[Array, ""]
     """Up to where no guard is below zero."""
+    grazes: Bool[Array, ""]
+    """Whether one turns before, so near zero that rounding decides whether it falls through it."""
 
     @classmethod
     def nothing(cls, t0) -> "Searched":
         """No guard falls, or none is looked for, in all of a step that starts at `t0`."""
-        return cls(jnp.full_like(t0, jnp.inf), jnp.ones_like(t0))
+        return cls(jnp.full_like(t0, jnp.inf), jnp.ones_like(t0), jnp.array(False))
 
     @classmethod
     def first_of(cls, searches: "list[Searched]") -> "Searched":
         """What several searches of one step, each for other guards, found together."""
-        return cls(*(jnp.min(jnp.stack(values)) for values in zip(*searches, strict=True)))
+        crossings, reached, grazes = map(jnp.stack, zip(*searches, strict=True))
+        return cls(jnp.min(crossings), jnp.min(reached), jnp.any(grazes))
 
 
 class AbstractFlatSystem(eqx.Module):

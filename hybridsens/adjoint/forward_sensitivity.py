@@ -31,6 +31,7 @@ from ..forward.solver import step_with_error
 from ..forward.tangent import push
 from ..numerics.tolerances import time_resolution
 from ..observables import EventStates
+from ..xla.once import unforeseen_zero
 from .control import DerivativeControl, of_all_directions
 from .jump import push_jump_forward
 from .no_length import push_no_length
@@ -137,13 +138,12 @@ def _start(forward: ForwardPass, motion: Motion, initial, tangents) -> Pushed:
     x0, dx0 = eqx.filter_jvp(begin, (system, t0, x0), (d_system, dt0, dx0))
     moves = (motion.t > t0) | motion.ended  # else it never began
     dx = dx0 - jnp.where(moves, system.flow(t0, x0, mode) * dt0, 0)
-    zeros = lambda tree: jax.tree.map(jnp.zeros_like, tree)
+    zeros, first = lambda tree: jax.tree.map(jnp.zeros_like, tree), unforeseen_zero()
     tangent = MotionTangent(
-        dt1, zeros(motion.x), zeros(events.states), zeros(steps.t).at[0].set(dt0), zeros(steps.x).at[0].set(dx0)
+        dt1, zeros(motion.x), zeros(events.states), write(zeros(steps.t), dt0, first), write(zeros(steps.x), dx0, first)
     )
-    taken = StepRecord(
-        jnp.full_like(steps.t, jnp.inf).at[0].set(steps.t[0]), zeros(steps.x).at[0].set(steps.x[0]), jnp.array(0)
-    )
+    later = jnp.full_like(steps.t, jnp.inf)
+    taken = StepRecord(write(later, steps.t[0], first), write(zeros(steps.x), steps.x[0], first), jnp.array(0))
     peak = forward.control.of_direction(eqx.filter(system, eqx.is_inexact_array), d_system, x0, dx0).astype(t0.dtype)
     return Pushed(dx, dt0, taken, zeros(events.steps), tangent, peak, jnp.array(0))
 

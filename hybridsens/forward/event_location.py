@@ -229,5 +229,5 @@ def _search(system, mode, ends: StepEnds, accurate, inside: Inside, resolution: 
         t_root=jnp.where(found, ends.t0 + searched.crossing * h, inside.t_root),
         root_before_stop=inside.root_before_stop | found,
         split=jnp.where(gave_up & got_far, jnp.maximum(searched.reached, LEAST_SEARCHED), inside.split),
-        grazes=inside.grazes | (gave_up & ~got_far),
+        grazes=inside.grazes | (gave_up & ~got_far) | (searched.grazes & can_graze),
     )

@@ -12,6 +12,7 @@ from ..flat_system import FLOW_JUMP, AbstractFlatSystem, Decision, Mode
 from ..numerics.tolerances import jump_length
 from ..observables import EventStates
 from ..status import Status
+from ..xla.once import unforeseen_zero
 from .doubt import Doubt
 
 
@@ -177,8 +178,9 @@ def empty_steps(t, x, max_steps: int) -> StepRecord:
     """A record that starts at (t, x). What is written beyond its room falls on the last row, and is
     counted all the same."""
     t, x = lax.optimization_barrier((t, x))  # or XLA fills a long record while it compiles, where t is a constant
-    times = jnp.full(max_steps + 2, jnp.inf, t.dtype).at[0].set(t)
-    states = jnp.zeros((max_steps + 2, x.shape[0]), x.dtype).at[0].set(x)
+    first = unforeseen_zero()
+    times = write(jnp.full(max_steps + 2, jnp.inf, t.dtype), t, first)
+    states = write(jnp.zeros((max_steps + 2, x.shape[0]), x.dtype), x, first)
     return StepRecord(times, states, jnp.array(0))
 
 

@@ -4,8 +4,10 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool
 
+from ..xla.once import unforeseen_zero
 from .record import Motion
 
 _STEPS = 512
@@ -34,9 +36,10 @@ def lengthened(short: Motion, full: Motion) -> Motion:
     """A motion that is whole, with the room of `full`."""
 
     def grown(rows, shape):
-        if not rows.ndim:
+        if rows.shape == shape.shape:
             return rows
-        more = jnp.broadcast_to(rows[-1:], (shape.shape[0] - rows.shape[0], *rows.shape[1:]))
-        return jnp.concatenate([rows, more])
+        # The last row is blank, one number throughout. To ask of every row whether it is one of them would take longer.
+        blank = jnp.full(shape.shape, rows.ravel()[-1] if rows.size else 0, rows.dtype)
+        return lax.dynamic_update_slice(blank, rows, [unforeseen_zero()] * rows.ndim)
 
     return jax.tree.map(grown, short, full)

@@ -1,6 +1,6 @@
 """What held contacts meet inside a step.
 
-Where all that moves is held or moves freely along its contacts, the flow is trivial and no error limits the steps. A
+Where all that moves is held or moves freely along its contacts, the flow is trivial and no error nearness the steps. A
 load that depends on time or place, or supports that move aside, may then let a contact go, and press it again, between
 the ends of a step. And a gap may have a hill between the stages of a step, which the motion would pass through. Both
 are looked for by bounds, and the step is halved where they come.
@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
 from ..numerics.tolerances import closeness, rounding
-from ..search.gap_search import search_gaps
+from ..search.gap_search import Nearness, search_gaps
 from ..search.path import Path
 from .contact import Among, among_held, contact_geometry, contact_jacobian, walls_move
 from .mode import ContactMode
@@ -81,7 +81,8 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
 
         rate = lambda s: jax.jvp(multiplier, path.at(s)[:2], (jnp.ones_like(h), path.at(s)[2] / h))[1]
         ends = step._replace(rate0=rate(0.0), rate1=rate(1.0))
-        found = search_gaps(multiplier, path, ends, tolerance + rounded, mode.active, jnp.array(True))
+        nearness = Nearness.roughly(tolerance + rounded, mode.active)
+        found = search_gaps(multiplier, path, ends, nearness, jnp.array(True))
         # A search that is given up at once proves nothing: bounds of a corner that is rounded off are wide on any step.
         reached = jnp.where(found.reached < LEAST_WAY, nothing.reached, found.reached)
         return nothing._replace(reached=jnp.where(jnp.isfinite(found.crossing), 0.5, reached))
@@ -115,7 +116,7 @@ def search_way(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactMo
         slack = depth + SLACK * jnp.abs(contact_jacobian(scene, path.t0, path.coefficients[0])) @ path.ways()
         nothing = jnp.zeros(held.shape, path.t0.dtype)  # at its ends the motion is on its contacts
         ends = step._replace(guard0=nothing, rate0=nothing, guard1=nothing, rate1=nothing)
-        found = search_gaps(off, path, ends, jnp.concatenate([slack, slack]), held, jnp.array(True))
+        found = search_gaps(off, path, ends, Nearness.roughly(jnp.concatenate([slack, slack]), held), jnp.array(True))
         # A search that is given up proves nothing: bounds of a corner that is rounded off are wide.
         return stays._replace(reached=jnp.where(jnp.isfinite(found.crossing), 0.5, stays.reached))
 

@@ -15,7 +15,7 @@ from ..interval.kind import Kind
 from ..numerics.fixed import Fixed, number
 from ..numerics.tolerances import closeness
 from ..observables import EventMarks, EventStates
-from ..search.gap_search import gap_kinds, search_gaps, warn_of_sampled
+from ..search.gap_search import Nearness, gap_kinds, search_gaps, warn_of_sampled
 from ..search.path import Path
 from ..status import Status
 from ..until import ends_with
@@ -128,8 +128,7 @@ class MechanicalSystem(AbstractFlatSystem):
     def search(self, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
         """What is searched: gaps of open contacts, along the cubic through the ends of the step and within what it may
         be off; gaps of held ones, which that cubic may leave; and their multipliers."""
-        q0, v0, _ = self.split(step.x0)
-        q1, v1, _ = self.split(step.x1)
+        (q0, v0, _), (q1, v1, _) = self.split(step.x0), self.split(step.x1)
         path = Path.through(step.t0, step.t1, q0, v0, q1, v1)
         # The largest speed so far may be that of an impact long ago: dips would be lost in the doubt of a slow motion.
         speed = jnp.minimum(mode.speed, jnp.max(path.ways()) / path.h)
@@ -137,7 +136,8 @@ class MechanicalSystem(AbstractFlatSystem):
         position_error = path.doubt(self.split(step.error)[0], step.order) * path.h * speed
         found = []
         if self._has_curved_gaps(step.t0, step.x0):
-            found.append(search_gaps(self.scene.gap, path, step, tolerance + position_error, ~mode.held, wanted))
+            nearness = Nearness(tolerance, position_error, self.grazing_depth(mode))
+            found.append(search_gaps(self.scene.gap, path, step, nearness, wanted))
             if self.scene.sustained_contact:
                 found.append(search_way(self.scene, path, step, mode, self._resolved(mode), wanted))
         if self._load_varies(step.t0, step.x0):

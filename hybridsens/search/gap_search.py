@@ -28,8 +28,39 @@ Gap = Callable[[Array, Array], Array]
 
 TURNS = 512
 """How many stretches of a step are looked at before the search is given up."""
+FAR = 200
+"""A gap that turns near zero bends so much that it would rise to FAR / 2 times the tolerance within the step. One that
+bends less stays near zero, as where two bodies move along together."""
+SHORTEST_CUT = 1 / 32
+"""Where a gap turns near zero at once, the step is cut at this fraction."""
 COARSEST = 1 / 16
 """Longest stretch, as a fraction of the step, where a gap has no bounds and is sampled."""
+
+
+class Nearness(NamedTuple):
+    """How near zero gaps can be told from gaps at zero."""
+
+    rounding: Float[Array, "contact"]
+    """What evaluating them leaves."""
+    doubt: Float[Array, "contact"]
+    """By how much the path through the step may be off, which a shorter step lessens; 0 where no shorter one is to."""
+    depth: Float[Array, "contact"]
+    """How exactly the motion itself is known; below 0 for a gap that is not searched."""
+
+    @property
+    def tolerance(self) -> Float[Array, "contact"]:
+        """Of this search."""
+        return self.rounding + self.doubt
+
+    @property
+    def too_rough(self) -> Bool[Array, "contact"]:
+        """Which gaps a shorter step would tell more of."""
+        return self.doubt > jnp.maximum(self.depth, self.rounding)
+
+    @classmethod
+    def roughly(cls, tolerance, searched: Bool[Array, "contact"]) -> "Nearness":
+        """Where it does not matter how nearly a gap misses zero."""
+        return cls(tolerance, jnp.zeros_like(tolerance), jnp.where(searched, 0.0, -1))
 
 
 class Stretch(NamedTuple):
@@ -58,6 +89,17 @@ class Stretch(NamedTuple):
         from_end = self.rate1 - jnp.minimum(self.bend.low, 0) * self.width < 0
         return (self.gap1 < -tolerance) & (from_start | from_end)
 
+    def turns_near_zero(self, tolerance) -> Bool[Array, "contact"]:
+        """Which gaps fall and rise again, and are not proved to stay above the tolerance."""
+        return (self.rate0 < 0) & (self.rate1 > 0) & (self.bend.low > FAR * tolerance) & ~self.clear(-tolerance)
+
+    def comes_near_zero(self, tolerance) -> Bool[Array, "contact"]:
+        """Which gaps are proved to come down to the tolerance."""
+        w = self.width
+        curve = self.bend.high * w * w
+        most = jnp.minimum(lowest(self.gap0, self.rate0 * w, curve), lowest(self.gap1, -self.rate1 * w, curve))
+        return most <= tolerance
+
     def crossing(self, which: Bool[Array, "contact"]) -> Float[Array, ""]:
         """Where the first of these gaps passes zero, as a fraction of the stretch, by its chord."""
         return jnp.clip(jnp.min(jnp.where(which, self.gap0 / (self.gap0 - self.gap1), 1), initial=jnp.inf), 0, 1)
@@ -77,23 +119,35 @@ class Walk(NamedTuple):
     turns: Int[Array, ""]
     crossing: Float[Array, ""]
     """Where a gap falls through zero; inf where none is known to."""
+    cut: Float[Array, ""]
+    """Where to end the step, because a gap turns so near zero in it that only a shorter one could tell whether it falls
+    through it; inf where none does."""
+    grazes: Bool[Array, ""]
+    """Whether a gap has turned so near zero that no step could tell."""
 
     @property
     def goes_on(self) -> Bool[Array, ""]:
         """Whether there is more to look at."""
-        return (self.s < 1) & (self.turns < TURNS) & jnp.isinf(self.crossing)
+        return (self.s < 1) & (self.turns < TURNS) & jnp.isinf(self.crossing) & jnp.isinf(self.cut)
 
-    def after(self, stretch: Stretch, tolerance, searched, widest: float, finest) -> "Walk":
+    def after(self, stretch: Stretch, nearness: Nearness, widest: float, finest) -> "Walk":
         """Pass the stretch, or end at the crossing in it, or halve it; one of the finest width is passed anyhow."""
+        tolerance, searched = nearness.tolerance, nearness.depth >= 0
         clear = stretch.clear(tolerance) | ~searched
         found = jnp.any(~clear) & jnp.all(clear | stretch.falls(tolerance))
-        passed = jnp.all(clear) | (~found & (self.width <= finest))
+        turns, near = searched & stretch.turns_near_zero(tolerance), stretch.comes_near_zero(tolerance)
+        passed = jnp.all(clear & (~turns | near)) | (~found & (self.width <= finest))
         pick = lambda new, old: jnp.where(passed, new, old)
         s = pick(self.s + self.width, self.s)
         wider = jnp.minimum(jnp.minimum(2 * self.width, widest), 1 - s)
         crossing = jnp.where(found, self.s + self.width * stretch.crossing(~clear), jnp.inf)
         gap, rate = pick(stretch.gap1, self.gap), pick(stretch.rate1, self.rate)
-        return Walk(s, pick(wider, self.width / 2), gap, rate, self.turns + 1, crossing)
+        touches = passed & turns & near
+        # At least half of the step is cut off: the shorter it is, the less the cubic through its ends is off by.
+        end = jnp.clip(self.s + self.width, SHORTEST_CUT, 0.5)
+        cut = jnp.where(jnp.any(touches & nearness.too_rough), end, jnp.inf)
+        grazes = self.grazes | jnp.any(touches & ~nearness.too_rough)
+        return Walk(s, pick(wider, self.width / 2), gap, rate, self.turns + 1, crossing, cut, grazes)
 
 
 def gap_kinds(gap: Gap, t, q):
@@ -102,8 +156,8 @@ def gap_kinds(gap: Gap, t, q):
     return kinds(trace, [np.full(x.shape, Kind.AFFINE) for x in trace.in_avals]), trace
 
 
-def search_gaps(gap: Gap, path: Path, step: StepEnds, tolerance, searched, wanted) -> Searched:
-    """First fall below -tolerance, inside a step, of one of the gaps to be searched (a mask).
+def search_gaps(gap: Gap, path: Path, step: StepEnds, nearness: Nearness, wanted) -> Searched:
+    """First fall of one of the gaps below zero inside a step, or the first turn too near to it.
 
     Bounds are those of interval arithmetic. A gap made by an operation without a rule there (a table, a loop, a
     special function) is sampled at 16 places of the step or more, and its second derivative is guessed from these.
@@ -114,22 +168,27 @@ def search_gaps(gap: Gap, path: Path, step: StepEnds, tolerance, searched, wante
     finest = time_resolution(step.t1, 1) / path.h
     zero = jnp.zeros_like(path.t0)
     s = jnp.where(wanted, zero, 1)  # a search that is not wanted begins at the end
-    start = Walk(s, zero + widest, step.guard0, path.h * step.rate0, jnp.array(0), zero + jnp.inf)
-    turn = lambda walk: walk.after(look(walk), tolerance, searched, widest, finest)
+    start = Walk(
+        s, zero + widest, step.guard0, path.h * step.rate0, jnp.array(0), zero + jnp.inf, zero + jnp.inf,
+        jnp.array(False),
+    )  # fmt: skip
+    turn = lambda walk: walk.after(look(walk), nearness, widest, finest)
     walk = lax.while_loop(lambda walk: walk.goes_on, turn, start)
-    return Searched(walk.crossing, walk.s)
+    return Searched(walk.crossing, jnp.minimum(walk.s, walk.cut), walk.grazes)
 
 
 def search_guards(guards: Gap, flow: Gap, step: StepEnds, speed, tolerance, wanted) -> Searched:
-    """First fall below -tolerance, inside a step, of any function of (t, x): along the cubic through the ends of the
-    step, and within what that may be off. `speed` (guard,) is the largest rate of each that is known."""
+    """First fall of any function of (t, x) below zero inside a step: along the cubic through the ends of the step, and
+    within what that may be off. `speed` (guard,) is the largest rate of each that is known.
+
+    How exactly a guard is known is not: where one turns near zero, the step is cut until rounding alone is left."""
 
     def search():
         path = Path.through(step.t0, step.t1, step.x0, flow(step.t0, step.x0), step.x1, flow(step.t1, step.x1))
         fastest = jnp.maximum(speed, jnp.maximum(jnp.abs(step.rate0), jnp.abs(step.rate1)))
-        doubt = path.doubt(step.error, step.order) * path.h * fastest
-        everyone = jnp.ones(speed.shape, bool)
-        return search_gaps(guards, path, step, tolerance + doubt, everyone, wanted)
+        doubt, least = (path.doubt(error, step.order) * path.h * fastest for error in (step.error, 0 * step.error))
+        found = search_gaps(guards, path, step, Nearness(tolerance, doubt, 2 * least), wanted)
+        return found._replace(grazes=jnp.array(False))
 
     return lax.cond(wanted, search, lambda: Searched.nothing(step.t0))
 
