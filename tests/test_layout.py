@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "xla": {"flat_system", "numerics"},
     "interval": set(),
     "flat_system": {"observables", "status"},
-    "search": {"flat_system", "interval", "numerics", "validation"},
+    "search": {"flat_system", "interval", "numerics", "validation", "xla"},
     "observables": set(),
     "forward": {"flat_system", "numerics", "observables", "status", "xla"},
     "adjoint": {"flat_system", "forward", "xla", "numerics", "observables", "status", "validation"},

@@ -1,5 +1,6 @@
 """The range of a traced function along a path: its primitives one by one, each in interval arithmetic."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -21,13 +22,15 @@ from .primitives import (
     select,
     select_condition,
 )
+from .products import FEW, PRODUCTS, Once, at_once, count_products, product_once
 from .tables import interpolated, is_interpolation
 
 
-def enclose(closed_jaxpr, arguments: Sequence[Jet]) -> Jet:
+def enclose(closed_jaxpr, arguments: Sequence[Jet], once: Once = at_once) -> Jet:
     """Range of a function of one result, and of its first two derivatives, over an interval of s on which those of its
     arguments are known. Entries made by an operation without a rule are unknown (not a number)."""
-    (out,) = _run(closed_jaxpr.jaxpr, closed_jaxpr.consts, arguments)
+    once = once if count_products(closed_jaxpr.jaxpr) > FEW else at_once
+    (out,) = _run(closed_jaxpr.jaxpr, closed_jaxpr.consts, arguments, once)
     return _jet(out)
 
 
@@ -35,22 +38,22 @@ def ranges(closed_jaxpr, arguments: Sequence[Any]) -> list[J.Interval]:
     """Range of each result of a function, from those of the arguments that are given as intervals."""
     nothing = lambda x: J.point(jnp.full_like(x.low, jnp.nan))
     jets = [Jet(x, nothing(x), nothing(x)) if isinstance(x, J.Interval) else x for x in arguments]
-    return [_jet(out).value for out in _run(closed_jaxpr.jaxpr, closed_jaxpr.consts, jets)]
+    return [_jet(out).value for out in _run(closed_jaxpr.jaxpr, closed_jaxpr.consts, jets, at_once)]
 
 
-def _run(jaxpr, constants, arguments) -> list[Any]:
-    return walked(jaxpr, (*constants, *arguments), lambda atom: atom.val, _evaluate)
+def _run(jaxpr, constants, arguments, once: Once) -> list[Any]:
+    return walked(jaxpr, (*constants, *arguments), lambda atom: atom.val, functools.partial(_evaluate, once))
 
 
-def _evaluate(equation, operands: list[Any]) -> list[Any]:
+def _evaluate(once: Once, equation, operands: list[Any]) -> list[Any]:
     """Results of one equation: arrays where nothing that it reads moves, else jets or conditions."""
     name, params = equation.primitive.name, equation.params
     if name in CALLS:
         if isinstance(operands[0], Jet) and _reads_a_table(equation, operands):
             return [interpolated(*operands)]
-        return _run(*inner_jaxpr(equation), operands)
+        return _run(*inner_jaxpr(equation), operands, once)
     if name == "cond" and not isinstance(operands[0], Jet | Truth):
-        cases = [_run(branch.jaxpr, branch.consts, operands[1:]) for branch in params["branches"]]
+        cases = [_run(branch.jaxpr, branch.consts, operands[1:], once) for branch in params["branches"]]
         return [_picked(operands[0], results) for results in zip(*cases, strict=True)]
     bind = lambda *values: equation.primitive.bind(*values, **params)
     if not any(isinstance(operand, Jet | Truth) for operand in operands):
@@ -60,7 +63,8 @@ def _evaluate(equation, operands: list[Any]) -> list[Any]:
         return [_entry(operands[0], k, params["axis"]) for k in range(len(equation.outvars))]
     if name == "split":  # in derivatives of `jnp.concatenate`
         return _pieces(operands[0], params["sizes"], params["axis"])
-    outcome = _rule(name, params, operands, bind)
+    rule = lambda: _rule(name, params, operands, bind)
+    outcome = product_once(rule, once) if name in PRODUCTS and all(isinstance(x, Jet) for x in operands) else rule()
     if outcome is None:
         return [_unknown(variable.aval) for variable in equation.outvars]
     return [_spread(outcome, equation.outvars[0].aval.shape)]

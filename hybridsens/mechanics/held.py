@@ -1,6 +1,6 @@
 """What held contacts meet inside a step.
 
-Where all that moves is held or moves freely along its contacts, the flow is trivial and no error nearness the steps. A
+Where all that moves is held or moves freely along its contacts, the flow is trivial and no error limits the steps. A
 load that depends on time or place, or supports that move aside, may then let a contact go, and press it again, between
 the ends of a step. And a gap may have a hill between the stages of a step, which the motion would pass through. Both
 are looked for by bounds, and the step is halved where they come.
@@ -15,8 +15,9 @@ from jaxtyping import Array, Bool, Float
 from ..flat_system import Searched, StepEnds
 from ..interval.kind import Kind, kinds
 from ..numerics.tolerances import closeness, rounding
-from ..search.gap_search import Nearness, search_gaps
+from ..search.gap_search import search_gaps
 from ..search.path import Path
+from ..search.stretch import Nearness
 from .contact import Among, among_held, contact_geometry, contact_jacobian, walls_move
 from .mode import ContactMode
 from .scene import AbstractScene
@@ -68,19 +69,23 @@ def search_load(scene: AbstractScene, path: Path, step: StepEnds, mode: ContactM
                 return load
             return load + jax.vjp(lambda q: scene.gap(t, q), q)[1](held0 + s * (held1 - held0))[0]
 
-        along = lambda t, q: lift @ force(t, q)
-        largest = jnp.maximum(*(jnp.abs(force(*path.at(s)[:2])) for s in (0.0, 1.0)))
+        def at_end(s):
+            t, q, slope = path.at(s)
+            return jax.jvp(force, (t, q), (jnp.ones_like(h), slope / h))
+
+        (load0, change0), (load1, change1) = at_end(0.0), at_end(1.0)
+        largest = jnp.maximum(jnp.abs(load0), jnp.abs(load1))
         rounded = 8 * rounding(h.dtype) * (jnp.abs(lift) @ largest)  # and what bounds add to it
         # One that is held without a force has none: no bound would ever prove that to rounding.
         rounded += closeness(h.dtype) ** -0.5 * mode.margin
-        off0, off1 = (end - along(*path.at(s)[:2]) for s, end in ((0.0, step.guard0), (1.0, step.guard1)))
+        off0, off1 = step.guard0 - lift @ load0, step.guard1 - lift @ load1
 
         def multiplier(t, q):
             s = (t - t0) / h
-            return along(t, q) + (1 - s) * off0 + s * off1
+            return lift @ force(t, q) + (1 - s) * off0 + s * off1
 
-        rate = lambda s: jax.jvp(multiplier, path.at(s)[:2], (jnp.ones_like(h), path.at(s)[2] / h))[1]
-        ends = step._replace(rate0=rate(0.0), rate1=rate(1.0))
+        rate0, rate1 = (lift @ change + (off1 - off0) / h for change in (change0, change1))
+        ends = step._replace(rate0=rate0, rate1=rate1)
         nearness = Nearness.roughly(tolerance + rounded, mode.active)
         found = search_gaps(multiplier, path, ends, nearness, jnp.array(True))
         # A search that is given up at once proves nothing: bounds of a corner that is rounded off are wide on any step.

@@ -15,8 +15,9 @@ from ..interval.kind import Kind
 from ..numerics.fixed import Fixed, number
 from ..numerics.tolerances import closeness
 from ..observables import EventMarks, EventStates
-from ..search.gap_search import Nearness, gap_kinds, search_gaps, warn_of_sampled
+from ..search.gap_search import gap_kinds, search_gaps, warn_of_sampled
 from ..search.path import Path
+from ..search.stretch import Nearness
 from ..status import Status
 from ..until import ends_with
 from .contact import FEW, Among, Instant, among_wanted, contact_geometry, gap_and_rate
@@ -126,8 +127,7 @@ class MechanicalSystem(AbstractFlatSystem):
         return self.scene.sustained_contact and (load_varies(self.scene, t, q, v) or supports_move(self.scene, t, q))
 
     def search(self, step: StepEnds, mode: ContactMode, tolerance, wanted) -> Searched:
-        """What is searched: gaps of open contacts, along the cubic through the ends of the step and within what it may
-        be off; gaps of held ones, which that cubic may leave; and their multipliers."""
+        """Gaps of open contacts, within what the cubic through the step is off by; held gaps; and multipliers."""
         (q0, v0, _), (q1, v1, _) = self.split(step.x0), self.split(step.x1)
         path = Path.through(step.t0, step.t1, q0, v0, q1, v1)
         # The largest speed so far may be that of an impact long ago: dips would be lost in the doubt of a slow motion.

@@ -6,6 +6,7 @@ zero on it; else the stretch is halved. To find the events that samples miss by 
 and Barton (State event location in differential-algebraic models, 1996). What has no bounds is sampled, and told of.
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -21,88 +22,19 @@ from ..interval.enclosure import enclose
 from ..interval.kind import Kind, kinds
 from ..numerics.tolerances import time_resolution
 from ..validation.caller import warn_caller
+from ..xla.once import computed_once
 from .path import Path
+from .stretch import Nearness, Stretch
 
 Gap = Callable[[Array, Array], Array]
 """(t, q) -> guards: gaps of a scene, or guards of any system with its state for q."""
 
 TURNS = 512
 """How many stretches of a step are looked at before the search is given up."""
-FAR = 200
-"""A gap that turns near zero bends so much that it would rise to FAR / 2 times the tolerance within the step. One that
-bends less stays near zero, as where two bodies move along together."""
 SHORTEST_CUT = 1 / 32
 """Where a gap turns near zero at once, the step is cut at this fraction."""
 COARSEST = 1 / 16
 """Longest stretch, as a fraction of the step, where a gap has no bounds and is sampled."""
-
-
-class Nearness(NamedTuple):
-    """How near zero gaps can be told from gaps at zero."""
-
-    rounding: Float[Array, "contact"]
-    """What evaluating them leaves."""
-    doubt: Float[Array, "contact"]
-    """By how much the path through the step may be off, which a shorter step lessens; 0 where no shorter one is to."""
-    depth: Float[Array, "contact"]
-    """How exactly the motion itself is known; below 0 for a gap that is not searched."""
-
-    @property
-    def tolerance(self) -> Float[Array, "contact"]:
-        """Of this search."""
-        return self.rounding + self.doubt
-
-    @property
-    def too_rough(self) -> Bool[Array, "contact"]:
-        """Which gaps a shorter step would tell more of."""
-        return self.doubt > jnp.maximum(self.depth, self.rounding)
-
-    @classmethod
-    def roughly(cls, tolerance, searched: Bool[Array, "contact"]) -> "Nearness":
-        """Where it does not matter how nearly a gap misses zero."""
-        return cls(tolerance, jnp.zeros_like(tolerance), jnp.where(searched, 0.0, -1))
-
-
-class Stretch(NamedTuple):
-    """What is known of the gaps along one stretch of a step; rates are by fractions of the step."""
-
-    width: Float[Array, ""]
-    gap0: Float[Array, "contact"]
-    rate0: Float[Array, "contact"]
-    gap1: Float[Array, "contact"]
-    rate1: Float[Array, "contact"]
-    low: Float[Array, "contact"]
-    """Lower bounds of the gaps; not a number where there is none."""
-    bend: Interval
-    """Bounds of their second derivatives."""
-
-    def clear(self, tolerance) -> Bool[Array, "contact"]:
-        """Which gaps are proved to stay above -tolerance: by their bounds, or by an end and the second derivative."""
-        w = self.width
-        curve = self.bend.low * w * w
-        forward, backward = lowest(self.gap0, self.rate0 * w, curve), lowest(self.gap1, -self.rate1 * w, curve)
-        return (self.low >= -tolerance) | (forward >= -tolerance) | (backward >= -tolerance)
-
-    def falls(self, tolerance) -> Bool[Array, "contact"]:
-        """Which gaps are proved to fall all along, to below -tolerance."""
-        from_start = self.rate0 + jnp.maximum(self.bend.high, 0) * self.width < 0
-        from_end = self.rate1 - jnp.minimum(self.bend.low, 0) * self.width < 0
-        return (self.gap1 < -tolerance) & (from_start | from_end)
-
-    def turns_near_zero(self, tolerance) -> Bool[Array, "contact"]:
-        """Which gaps fall and rise again, and are not proved to stay above the tolerance."""
-        return (self.rate0 < 0) & (self.rate1 > 0) & (self.bend.low > FAR * tolerance) & ~self.clear(-tolerance)
-
-    def comes_near_zero(self, tolerance) -> Bool[Array, "contact"]:
-        """Which gaps are proved to come down to the tolerance."""
-        w = self.width
-        curve = self.bend.high * w * w
-        most = jnp.minimum(lowest(self.gap0, self.rate0 * w, curve), lowest(self.gap1, -self.rate1 * w, curve))
-        return most <= tolerance
-
-    def crossing(self, which: Bool[Array, "contact"]) -> Float[Array, ""]:
-        """Where the first of these gaps passes zero, as a fraction of the stretch, by its chord."""
-        return jnp.clip(jnp.min(jnp.where(which, self.gap0 / (self.gap0 - self.gap1), 1), initial=jnp.inf), 0, 1)
 
 
 class Walk(NamedTuple):
@@ -133,20 +65,20 @@ class Walk(NamedTuple):
     def after(self, stretch: Stretch, nearness: Nearness, widest: float, finest) -> "Walk":
         """Pass the stretch, or end at the crossing in it, or halve it; one of the finest width is passed anyhow."""
         tolerance, searched = nearness.tolerance, nearness.depth >= 0
-        clear = stretch.clear(tolerance) | ~searched
+        least = stretch.least()
+        clear = (least >= -tolerance) | ~searched
         found = jnp.any(~clear) & jnp.all(clear | stretch.falls(tolerance))
-        turns, near = searched & stretch.turns_near_zero(tolerance), stretch.comes_near_zero(tolerance)
-        passed = jnp.all(clear & (~turns | near)) | (~found & (self.width <= finest))
+        turns = stretch.turns(least, nearness)
+        passed = (jnp.all(clear) & ~turns.unclear) | (~found & (self.width <= finest))
         pick = lambda new, old: jnp.where(passed, new, old)
         s = pick(self.s + self.width, self.s)
         wider = jnp.minimum(jnp.minimum(2 * self.width, widest), 1 - s)
         crossing = jnp.where(found, self.s + self.width * stretch.crossing(~clear), jnp.inf)
         gap, rate = pick(stretch.gap1, self.gap), pick(stretch.rate1, self.rate)
-        touches = passed & turns & near
         # At least half of the step is cut off: the shorter it is, the less the cubic through its ends is off by.
         end = jnp.clip(self.s + self.width, SHORTEST_CUT, 0.5)
-        cut = jnp.where(jnp.any(touches & nearness.too_rough), end, jnp.inf)
-        grazes = self.grazes | jnp.any(touches & ~nearness.too_rough)
+        cut = jnp.where(passed & turns.rough, end, jnp.inf)
+        grazes = self.grazes | (passed & turns.touch)
         return Walk(s, pick(wider, self.width / 2), gap, rate, self.turns + 1, crossing, cut, grazes)
 
 
@@ -202,7 +134,7 @@ def _looker(function: Gap, path: Path, step: StepEnds, trace, unknown: np.ndarra
         t, q, slope = path.at(s + w)
         gap, rate = jax.jvp(function, (t, q), (path.h, slope))
         gap, rate = jnp.where(last, step.guard1, gap), jnp.where(last, path.h * step.rate1, rate)
-        jet = enclose(trace, path.over(s, w))
+        jet = enclose(trace, path.over(s, w), functools.partial(computed_once, walk.turns >= 0))  # always true
         bend = jet.bend or point(jnp.zeros_like(gap))
         if unknown.any():
             guess = guessed_bend(walk.gap, walk.rate * w, gap, rate * w)
@@ -210,13 +142,6 @@ def _looker(function: Gap, path: Path, step: StepEnds, trace, unknown: np.ndarra
         return Stretch(w, walk.gap, walk.rate, gap, rate, jet.value.low, bend)
 
     return look
-
-
-def lowest(gap, rate, curve):
-    """Least value of gap + rate s + curve s^2 / 2 for s in [0, 1]: a gap that bends down no more lies above it."""
-    inside = (curve > 0) & (rate < 0) & (rate + curve > 0)
-    vertex = gap - 0.5 * rate * rate / jnp.where(inside, curve, 1)
-    return jnp.where(inside, vertex, jnp.minimum(gap, gap + rate + 0.5 * curve))
 
 
 def guessed_bend(g0, d0, g1, d1):
