@@ -16,7 +16,8 @@ class DiscontinuityWarning(UserWarning):
 
 
 REMEDIES = {
-    "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the system.",
+    "time": "For a jump or a kink in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the "
+    "system.",
     "guards": "For the first of several guards write one guard for each, and for a comparison in a guard what is "
     "compared, `place - x`; or set `located_discontinuities = True` in the system.",
     "state": "For a jump in x set `located_discontinuities = True` in the system, which makes comparisons events (a "

@@ -122,9 +122,11 @@ def _must_take_both(scene, cost: Cost) -> None:
     except ValueError:  # one that does not tell its arguments
         return
     except TypeError as error:
+        name = getattr(cost, "__name__", str(cost))
         raise TypeError(
             "`cost` must take two arguments, cost(scene, simulate), and move the scene by `simulate`, in whose place "
-            f"each method puts its own; but it is {getattr(cost, '__name__', cost)}{inspect.signature(cost)}."
+            f"each method puts its own; but it is {name}{inspect.signature(cost)}. Write `def {name}(scene, "
+            "simulate=hybridsens.simulate)`, of a system `solve=hybridsens.solve`, and move it by that."
         ) from error
 
 

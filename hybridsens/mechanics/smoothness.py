@@ -48,8 +48,8 @@ def is_not_smooth(scene: AbstractScene, t, q, v, mode: ContactMode) -> Bool[Arra
 
 
 REMEDIES = {
-    "time": "For a jump in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the scene; a "
-    "gap may have a kink there, but must not jump.",
+    "time": "For a jump or a kink in time declare its instants by `jump_ts=`, or by a method `jump_times(self)` of the "
+    "scene; a gap may have a kink there, but must not jump.",
     "gap": "For a minimum of gaps write one gap for each, and round off the corner of a maximum.",
     "state": "For a jump in q or v set `located_discontinuities = True` in the scene, which makes comparisons events "
     "(a cast to integers is not made one: write `jnp.floor`); or make it a contact, or a switch of an "

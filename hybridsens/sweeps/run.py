@@ -139,8 +139,17 @@ def _run_all(design: Design, edges, target, make_engine, client, progress: bool)
             return
         engine = make_engine()
         for tile in missing:
-            target.write(tile, engine.run(design.block(tile)))
+            _write_whole(target, tile, engine.run(design.block(tile)))
             advance(points_in(tile))
+
+
+def _write_whole(target, tile, results) -> None:
+    """Write a tile, also where Ctrl-C comes in the middle: half of one would have values without a status."""
+    try:
+        target.write(tile, results)
+    except KeyboardInterrupt:
+        target.write(tile, results)
+        raise
 
 
 def _about(design: Design) -> dict[str, str]:
