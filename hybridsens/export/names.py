@@ -56,10 +56,12 @@ def split_unit(name: str) -> tuple[str, str | None]:
 
 def unit_of_contact(scene: Any, unit: str) -> str:
     """What stands behind the name of a contact's number: " [m/s]", or "" where the scene's `coordinates` tell that it
-    counts in other units, so that those of its gaps are not known."""
-    given = getattr(scene, "coordinates", None) or ()
-    units = {unit for _, unit in map(split_unit, map(str, given)) if unit is not None}
-    return f" [{unit}]" if units <= {"m", "rad", "1", ""} else ""
+    counts in other units, so that those of its gaps are not known, or its `contacts` that a gap is no length."""
+    units = {
+        what: {unit for _, unit in map(split_unit, map(str, getattr(scene, what, None) or ())) if unit is not None}
+        for what in ("coordinates", "contacts")
+    }
+    return f" [{unit}]" if units["coordinates"] <= {"m", "rad", "1", ""} and units["contacts"] <= {"m"} else ""
 
 
 def names_of(dataset: Any) -> Names:

@@ -47,7 +47,7 @@ class AbstractScene(Model):
     """Names of the entries of q, with units in brackets, ("position [m]", "angle [rad]"): for tables and pictures."""
 
     contacts: ClassVar[tuple[str, ...] | None] = None
-    """Names of the gaps, ("floor", "wall"): for tables and pictures."""
+    """Names of the gaps, ("floor", "wall"): for tables and pictures. A gap that is no length has its unit there."""
 
     known_discontinuities: ClassVar[bool] = False
     """Set to True in a scene whose functions have kinks or jumps in t, q or v that do no harm: then no

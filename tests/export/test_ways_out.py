@@ -50,11 +50,15 @@ def test_samples_and_events_are_tables(motion):
 
 
 @pytest.mark.parametrize(
-    ("coordinates", "known"), [(None, True), (("x [m]", "angle [rad]"), True), (("x [m]", "lift [mm]"), False)]
-)
-def test_numbers_of_a_contact_have_units_where_these_are_known(motion, coordinates, known):
-    """A scene that counts in millimetres has gaps of which nothing tells the unit."""
-    scene = Names(coordinates, None)
+    ("coordinates", "contacts", "known"),
+    [
+        (None, None, True), (("x [m]", "angle [rad]"), None, True), (("x [m]", "lift [mm]"), None, False),
+        (None, ("foot [m]", "wall"), True), (None, ("foot [m]", "stop [rad]"), False),
+    ],
+)  # fmt: skip
+def test_numbers_of_a_contact_have_units_where_these_are_known(motion, coordinates, contacts, known):
+    """A scene that counts in millimetres has gaps of which nothing tells the unit; one with a stop in rad has two."""
+    scene = Names(coordinates, contacts)
     columns = set(events_frame(motion.events, scene).columns)
     assert ({"closing speed [m/s]", "impulse [N s]"} <= columns, {"closing speed", "impulse"} <= columns) == (
         known, not known,
