@@ -29,7 +29,7 @@ from .stretch import Nearness, Stretch
 Gap = Callable[[Array, Array], Array]
 """(t, q) -> guards: gaps of a scene, or guards of any system with its state for q."""
 
-TURNS = 512
+MOST_LOOKS = 512
 """How many stretches of a step are looked at before the search is given up."""
 SHORTEST_CUT = 1 / 32
 """Where a gap turns near zero at once, the step is cut at this fraction."""
@@ -48,7 +48,8 @@ class Walk(NamedTuple):
     """Gaps at s."""
     rate: Float[Array, "contact"]
     """Their rates there, by fractions of the step."""
-    turns: Int[Array, ""]
+    looks: Int[Array, ""]
+    """How many stretches were looked at."""
     crossing: Float[Array, ""]
     """Where a gap falls through zero; inf where none is known to."""
     cut: Float[Array, ""]
@@ -60,7 +61,7 @@ class Walk(NamedTuple):
     @property
     def goes_on(self) -> Bool[Array, ""]:
         """Whether there is more to look at."""
-        return (self.s < 1) & (self.turns < TURNS) & jnp.isinf(self.crossing) & jnp.isinf(self.cut)
+        return (self.s < 1) & (self.looks < MOST_LOOKS) & jnp.isinf(self.crossing) & jnp.isinf(self.cut)
 
     def after(self, stretch: Stretch, nearness: Nearness, widest: float, finest) -> "Walk":
         """Pass the stretch, or end at the crossing in it, or halve it; one of the finest width is passed anyhow."""
@@ -79,7 +80,7 @@ class Walk(NamedTuple):
         end = jnp.clip(self.s + self.width, SHORTEST_CUT, 0.5)
         cut = jnp.where(passed & turns.rough, end, jnp.inf)
         grazes = self.grazes | (passed & turns.touch)
-        return Walk(s, pick(wider, self.width / 2), gap, rate, self.turns + 1, crossing, cut, grazes)
+        return Walk(s, pick(wider, self.width / 2), gap, rate, self.looks + 1, crossing, cut, grazes)
 
 
 def gap_kinds(gap: Gap, t, q):
@@ -134,7 +135,7 @@ def _looker(function: Gap, path: Path, step: StepEnds, trace, unknown: np.ndarra
         t, q, slope = path.at(s + w)
         gap, rate = jax.jvp(function, (t, q), (path.h, slope))
         gap, rate = jnp.where(last, step.guard1, gap), jnp.where(last, path.h * step.rate1, rate)
-        jet = enclose(trace, path.over(s, w), functools.partial(computed_once, walk.turns >= 0))  # always true
+        jet = enclose(trace, path.over(s, w), functools.partial(computed_once, walk.looks >= 0))  # always true
         bend = jet.bend or point(jnp.zeros_like(gap))
         if unknown.any():
             guess = guessed_bend(walk.gap, walk.rate * w, gap, rate * w)

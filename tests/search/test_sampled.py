@@ -102,10 +102,10 @@ def test_what_is_sampled_is_told(name):
 
 @pytest.mark.slow
 def test_a_search_that_is_given_up_leads_to_shorter_steps(monkeypatch):
-    """With few turns for each step it cannot look through a long one; then the step ends earlier, and is no less
+    """With few looks at each step it cannot look through a long one; then the step ends earlier, and is no less
     searched."""
-    monkeypatch.setattr(gap_search, "TURNS", 3)
-    motion = run(lambda z: jnp.arcsinh(z), max_steps=8192)  # a function of its own: what was compiled before has TURNS
+    monkeypatch.setattr(gap_search, "MOST_LOOKS", 3)
+    motion = run(lambda z: jnp.arcsinh(z), max_steps=8192)  # its own function: one compiled before looks longer
     assert_close(motion.events.time[0], AT - WIDTH, 1e-9)
 
 
